@@ -1,0 +1,29 @@
+"""The exceptions of this package.
+
+PcdnfError                 a message that says what is wrong, a stable ``code``, a ``hint`` that says what to do
+├── formats.FormatError    a file that cannot be read as a point cloud
+├── checkpoint.CheckpointError
+└── denoiser.CloudError    points that cannot be denoised
+``denoiser.Stopped`` is not an error: it is raised when the caller asked to stop.
+"""
+
+from __future__ import annotations
+
+
+class PcdnfError(Exception):
+    """An error a caller can act on.
+
+    Parameters
+    ----------
+    message : str
+        One or more full sentences for a person.
+    code : str
+        Stable snake-case identifier for programs.
+    hint : str, optional
+        What to do about it.
+    """
+
+    def __init__(self, message: str, *, code: str, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.code = code
+        self.hint = hint
