@@ -1,0 +1,133 @@
+"""Uniform grid for ball queries: all points within a radius, or a random subset of them.
+
+Points are sorted by cell (x slowest, z fastest), so the 27 cells around a query are nine contiguous runs. Only the
+occupied cells are stored. A random subset is a partial Fisher-Yates shuffle driven by a generator seeded with
+(seed, index of the centre): a point's neighbours never depend on tiles, batches or threads.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+
+class BallGrid:
+    """Ball queries of one fixed radius.
+
+    Parameters
+    ----------
+    points : ndarray, (N, 3) float
+    radius : float
+        In the unit of the points; also the size of a cell.
+    """
+
+    def __init__(self, points: NDArray[np.floating], radius: float) -> None:
+        self.radius = float(radius)
+        self._origin = points.min(0).astype(np.float64)
+        cells = np.floor((points - self._origin) / self.radius).astype(np.int64)
+        self._dims = cells.max(0) + 1
+        keys = (cells[:, 0] * self._dims[1] + cells[:, 1]) * self._dims[2] + cells[:, 2]
+        self.order = np.argsort(keys, kind="stable")
+        self._keys, self._starts = np.unique(keys[self.order], return_index=True)
+        self._starts = np.append(self._starts, len(keys))
+        self._points = np.ascontiguousarray(points[self.order], dtype=np.float64)
+
+    def subset(
+        self,
+        centres: NDArray[np.floating],
+        ids: NDArray[np.integer],
+        count: int,
+        *,
+        seed: int,
+        inner: NDArray[np.floating] | None = None,
+    ) -> NDArray[np.int64]:
+        """Draw neighbours of each centre without replacement.
+
+        Parameters
+        ----------
+        centres : ndarray, (B, 3) float
+        ids : ndarray, (B,) int
+            Index of each centre; never drawn itself.
+        count : int
+            Neighbours wanted a centre.
+        seed : int
+            Together with ``ids`` it decides the subset.
+        inner : ndarray, (B,) float, optional
+            Points not farther than this from the centre are left out.
+
+        Returns
+        -------
+        ndarray, (B, count) int64
+            Indices of points; -1 behind the last one where the ball holds fewer.
+        """
+        out = np.empty((len(centres), count), np.int64)
+        hole = np.full(len(centres), -1.0) if inner is None else np.asarray(inner, np.float64)
+        _subset(
+            self._points,
+            self.order,
+            self._keys,
+            self._starts,
+            self._dims,
+            self._origin,
+            self.radius,
+            np.ascontiguousarray(centres, np.float64),
+            np.asarray(ids, np.int64),
+            hole,
+            np.uint64(seed & 0xFFFFFFFFFFFFFFFF),
+            out,
+        )
+        return out
+
+
+@nb.njit(cache=True, nogil=True)
+def _mix(x):  # type: ignore[no-untyped-def]
+    """One step of splitmix64: a uint64 to a well-mixed uint64."""
+    x = np.uint64(x) + np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
+
+
+@nb.njit(cache=True, nogil=True, parallel=True)
+def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inner, seed, out):  # type: ignore[no-untyped-def]
+    count = out.shape[1]
+    chunk = 64
+    for block in nb.prange((len(centres) + chunk - 1) // chunk):
+        found = np.empty(2048, np.int64)
+        for b in range(block * chunk, min((block + 1) * chunk, len(centres))):
+            x, y, z = centres[b, 0], centres[b, 1], centres[b, 2]
+            cx = int(np.floor((x - origin[0]) / radius))
+            cy = int(np.floor((y - origin[1]) / radius))
+            cz = int(np.floor((z - origin[2]) / radius))
+            hole = inner[b] * inner[b] if inner[b] >= 0 else -1.0
+            total = 0
+            for ix in range(max(cx - 1, 0), min(cx + 2, dims[0])):
+                for iy in range(max(cy - 1, 0), min(cy + 2, dims[1])):
+                    row = (ix * dims[1] + iy) * dims[2]
+                    low = row + max(cz - 1, 0)
+                    high = row + min(cz + 2, dims[2])
+                    if high <= low:
+                        continue
+                    first = starts[np.searchsorted(keys, low)]
+                    last = starts[np.searchsorted(keys, high)]
+                    if total + last - first > len(found):
+                        grown = np.empty(2 * (total + last - first), np.int64)
+                        grown[:total] = found[:total]
+                        found = grown
+                    for j in range(first, last):
+                        dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+                        square = dx * dx + dy * dy + dz * dz
+                        if square <= radius * radius and square > hole and order[j] != ids[b]:
+                            found[total] = order[j]
+                            total += 1
+            state = _mix(seed ^ _mix(np.uint64(ids[b])))
+            for i in range(count):
+                if i >= total:
+                    out[b, i] = -1
+                    continue
+                if total > count:
+                    state = _mix(state)
+                    pick = i + int(state % np.uint64(total - i))
+                    found[i], found[pick] = found[pick], found[i]
+                out[b, i] = found[i]

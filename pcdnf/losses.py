@@ -1,0 +1,92 @@
+"""Training losses (paper, section 3.3), in the patch frame, in patch radii."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+ANGLE = math.radians(15)
+"""theta's angle: normals farther apart than this are taken to be of another surface."""
+SUPPORT = 0.08
+"""phi's support: the spacing of 500 points in a ball of radius 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """Weight of each term; the defaults are the paper's (equation 5), the last three are ours.
+
+    Attributes
+    ----------
+    point, normal, ortho : float
+        lambda_1, lambda_2, lambda_3.
+    alpha : float
+        Share of the projection term in the point loss; the rest is repulsion.
+    nearest : float
+        Distance to the nearest clean point: keeps points from sliding along the surface.
+    dense_point, dense_normal : float
+        Supervision of the refined points and normals of the whole patch.
+    """
+
+    point: float = 100.0
+    normal: float = 10.0
+    ortho: float = 10.0
+    alpha: float = 0.97
+    nearest: float = 0.0
+    dense_point: float = 50.0
+    dense_normal: float = 5.0
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Clean surface around each patch's centre: ``points`` and ``normals``, (B, S, 3)."""
+
+    points: Tensor
+    normals: Tensor
+
+
+@dataclass(frozen=True)
+class PointTerms:
+    """What the point loss is made of, each (B,), and the clean normal nearest to the denoised point (B, 3)."""
+
+    projection: Tensor
+    repulsion: Tensor
+    nearest: Tensor
+    normal: Tensor
+
+
+def point_terms(displacement: Tensor, surface: Surface) -> PointTerms:
+    """Bilateral projection distance of the denoised points (B, 3) to the clean surface (L_point)."""
+    offset = displacement[:, None] - surface.points  # (B, S, 3)
+    square = offset.square().sum(-1)  # (B, S)
+    least, at = square.min(1)
+    normal = surface.normals[torch.arange(len(at), device=at.device), at]  # (B, 3)
+    theta = torch.exp(-(1 - (normal[:, None] * surface.normals).sum(-1)) / (1 - math.cos(ANGLE)))
+    support = least.detach().sqrt().clamp(min=SUPPORT)[:, None]  # a gradient also when far away
+    weight = torch.exp(-square / support.square()) * theta + 1e-12
+    project = (offset * surface.normals).sum(-1).abs()
+    projection = (project * weight).sum(1) / weight.sum(1)
+    return PointTerms(projection, square.amax(1), (least + 1e-12).sqrt(), normal)
+
+
+def normal_loss(predicted: Tensor, normal: Tensor) -> Tensor:
+    """Squared distance up to sign (L_normal), (..., 3) to (...), at most 2 for unit vectors."""
+    return torch.minimum((predicted - normal).square().sum(-1), (predicted + normal).square().sum(-1))
+
+
+def ortho_loss(displacement: Tensor, predicted: Tensor, weight: Tensor, clean: Tensor) -> Tensor:
+    """Orthogonality of normal and patch (L_ortho), normalised by the weights: (B,).
+
+    ``weight`` (B, M) belongs to noisy points; ``clean`` (B, M, 3) are their clean counterparts.
+    """
+    height = ((displacement[:, None] - clean) * F.normalize(predicted, dim=-1)[:, None]).sum(-1)  # (B, M)
+    return (weight * height).square().sum(1) / weight.square().sum(1).clamp(min=1e-6)
+
+
+def angle_degrees(predicted: Tensor, normal: Tensor) -> Tensor:
+    """Angle between directions (..., 3), up to sign, in degrees."""
+    cosine = (F.normalize(predicted, dim=-1) * normal).sum(-1).abs().clamp(max=1)
+    return torch.rad2deg(torch.acos(cosine))

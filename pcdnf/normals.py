@@ -1,0 +1,54 @@
+"""Initial normals by principal component analysis of the k nearest neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .frames import principal_axes
+
+CHUNK = 16384
+"""Points whose neighbour lists are held at once: bounds the memory at CHUNK x k x 16 bytes."""
+
+
+def pca_normals(
+    points: NDArray[np.floating],
+    k: int = 24,
+    *,
+    tree: cKDTree | None = None,
+    workers: int = -1,
+    check: Callable[[], None] | None = None,
+) -> NDArray[np.float32]:
+    """Normals as the direction of least variance among the k nearest neighbours.
+
+    Parameters
+    ----------
+    points : ndarray, (N, 3) float
+    k : int
+        Neighbours, the point itself among them; at most N are used.
+    tree : cKDTree, optional
+        Of these points, where the caller has one already.
+    workers : int
+        Threads of the neighbour search; -1 takes all.
+    check : callable, optional
+        Called between chunks; may raise to stop.
+
+    Returns
+    -------
+    ndarray, (N, 3) float32
+        Unit normals without a consistent sign.
+    """
+    points = np.ascontiguousarray(points, np.float64)
+    tree = cKDTree(points) if tree is None else tree
+    k = min(k, len(points))
+    normals = np.empty(points.shape, np.float32)
+    for start in range(0, len(points), CHUNK):
+        if check is not None:
+            check()
+        _, index = tree.query(points[start : start + CHUNK], k, workers=workers)
+        index = np.asarray(index, np.int64).reshape(-1, k)
+        normals[start : start + CHUNK] = principal_axes(points, index)[:, 2]
+    return normals
