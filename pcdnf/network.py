@@ -1,0 +1,342 @@
+"""PCDNF (Liu et al., TVCG 2023, DOI 10.1109/TVCG.2023.3292464, section 3.2): patches in, displacements out.
+
+Four modules, named as in the paper: multiscale feature extractor, shape-aware selector, feature refinement
+(augmentation and fusion), decoder (coordinate and normal regressor). B patches of M points in the patch
+frame, K of them selected. Where paper and released code differ, this does what the code does, so that its
+weights load.
+
+Deviations, each of them deliberate:
+
+* An EdgeConv never builds its edges. With ``W [x_j - x_i ; x_i] = W1 x_j + (W2 - W1) x_i`` it is two linear
+  layers on the points and one gather-max; ``neighbour`` is W1, ``centre`` is W2 - W1. BatchNorm and LeakyReLU
+  stand behind the maximum. In inference that equals the usual order wherever the BatchNorm scale is positive
+  (``pcdnf.release`` flips the signs of channels where it is not); in training the batch statistics are those
+  of the maxima, not of all edges.
+* ``anchor`` (ours): the selector's scores also weigh a least-squares quadric fit of the patch, whose value
+  and slope at the origin are the first guess of displacement and normal; the decoders predict what is left.
+  The patch must stand in its PCA frame, least variance along z. The losses then reach the selector directly,
+  as remark 1 of the paper wishes.
+* ``release_transpose``: a quirk of the released code, needed for its weights alone (``FeatureRefinement``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .fit import fit_quadric
+from .neighbors import gather_max, gather_mean, gather_points, knn
+
+SLOPE = 0.2  # of every LeakyReLU
+REGRESSOR_NEIGHBOURS = 8  # of the two EdgeConvs in the normal regressor
+ANCHOR_REACH = 0.3  # largest correction of the anchor's displacement, in patch radii
+ANCHOR_RIDGE = (1e-6, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2)  # on 1, x, y, x^2, xy, y^2
+ANCHOR_FLOOR = 1e-4  # added to every weight of the fit
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """What a PCDNF is made of; the defaults are the paper's.
+
+    Parameters
+    ----------
+    patch_points : int
+        M, points of a patch.
+    selected : int
+        K, points the selector keeps.
+    k1, k2, k3, k4 : int
+        Neighbours: two graphs on the input, one in feature space, one of the augmentation.
+    anchor : bool
+        Predict corrections to a weighted quadric fit.
+    selector, refinement, point_branch, normal_branch : bool
+        The paper's table 5 switches off selector and refinement (V1), refinement (V2), the normal branch
+        (V3), the point branch (V4).
+    release_transpose : bool
+        Reproduce the released code's reading of transposed features.
+    """
+
+    patch_points: int = 512
+    selected: int = 256
+    k1: int = 8
+    k2: int = 16
+    k3: int = 16
+    k4: int = 10
+    anchor: bool = False
+    selector: bool = True
+    refinement: bool = True
+    point_branch: bool = True
+    normal_branch: bool = True
+    release_transpose: bool = False
+
+    def __post_init__(self) -> None:
+        if not (self.point_branch or self.normal_branch):
+            raise ValueError("Keep at least one of point_branch and normal_branch.")
+        if not self.k1 <= self.k2:
+            raise ValueError(f"k1 = {self.k1} must not exceed k2 = {self.k2}: it is part of that graph.")
+
+
+class NetworkOutput(NamedTuple):
+    """What PCDNF says of a batch of patches; a branch that is switched off leaves its input as it was."""
+
+    displacement: Tensor  # (B, 3) from the noisy to the denoised centre, patch frame, in radii
+    normal: Tensor  # (B, 3) of the centre, patch frame, not normalised
+    weight: Tensor  # (B, M) similarity to the centre, 0 to 1
+    selected: Tensor  # (B, K) int64, the points of largest weight
+    refined_points: Tensor  # (B, M, 3)
+    refined_normals: Tensor  # (B, M, 3)
+
+
+class ChannelNorm(nn.BatchNorm1d):
+    """BatchNorm over the last axis, in float32."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        return super().forward(input.float().reshape(-1, input.shape[-1])).view(input.shape)
+
+
+class Conv1x1(nn.Module):
+    """Linear layer, BatchNorm, LeakyReLU; ``shared`` channels are the same for all points of a patch."""
+
+    def __init__(self, channels: int, out: int, *, shared: int = 0, slope: float = SLOPE) -> None:
+        super().__init__()
+        self.linear = nn.Linear(channels, out, bias=False)
+        self.shared = nn.Linear(shared, out, bias=False) if shared else None
+        self.norm = ChannelNorm(out)
+        self.slope = slope
+
+    def forward(self, x: Tensor, shared: Tensor | None = None) -> Tensor:
+        y = self.linear(x)  # (B, N, out)
+        if self.shared is not None and shared is not None:
+            y = y + self.shared(shared)[:, None]
+        return F.leaky_relu(self.norm(y), self.slope)
+
+
+class EdgeConv(nn.Module):
+    """max over neighbours j of LeakyReLU(BN(W [x_j - x_i ; x_i])), without the edges."""
+
+    def __init__(self, channels: int, out: int) -> None:
+        super().__init__()
+        self.neighbour = nn.Linear(channels, out, bias=False)
+        self.centre = nn.Linear(channels, out, bias=False)
+        self.norm = ChannelNorm(out)
+
+    def forward(self, x: Tensor, graph: Tensor) -> Tensor:
+        y = self.centre(x) + gather_max(self.neighbour(x), graph)  # (B, N, out)
+        return F.leaky_relu(self.norm(y), SLOPE)
+
+
+class MultiscaleFeatureExtractor(nn.Module):
+    """Coarse features of points or normals (one instance each), and a refined input for every point."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.k1, self.k2, self.k3 = config.k1, config.k2, config.k3
+        self.small = EdgeConv(3, 16)
+        self.large = EdgeConv(3, 32)
+        self.mix = Conv1x1(48, 64)
+        self.feature = EdgeConv(64, 64)
+        self.lift = Conv1x1(64, 128)
+        self.head = nn.Sequential(nn.Linear(128, 64), nn.ReLU(), nn.Linear(64, 3))
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        graph = knn(x, self.k2)  # (B, M, k2)
+        f = torch.cat([self.small(x, graph[..., : self.k1]), self.large(x, graph)], -1)  # (B, M, 48)
+        f = self.mix(f)  # (B, M, 64)
+        f = self.lift(self.feature(f, knn(f, self.k3)))  # (B, M, 128)
+        return f, x + self.head(f).float()
+
+
+class ShapeAwareSelector(nn.Module):
+    """Score of every point: how much it is like the centre (paper, equation 3)."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.points = nn.Linear(128, 64) if config.point_branch else None
+        self.normals = nn.Linear(128, 64) if config.normal_branch else None
+        self.angle = nn.Linear(1, 32) if config.normal_branch else None
+        self.distance = nn.Linear(1, 32)
+        self.score = Conv1x1(32 + 64 * config.point_branch + 96 * config.normal_branch, 128)
+
+    def forward(self, points: Tensor, normals: Tensor, f_p: Tensor | None, f_n: Tensor | None) -> Tensor:
+        guides = []
+        if self.points is not None and f_p is not None:
+            guides.append(self.points(f_p))
+        if self.normals is not None and f_n is not None:
+            guides.append(self.normals(f_n))
+        if self.angle is not None:
+            across = torch.linalg.cross(points, normals, dim=-1).norm(dim=-1, keepdim=True)
+            guides.append(self.angle(torch.atan2(across, (points * normals).sum(-1, keepdim=True))))
+        guides.append(self.distance(torch.exp(-points.square().sum(-1, keepdim=True))))
+        score = self.score(F.relu(torch.cat(guides, -1)))  # (B, M, 128)
+        return torch.sigmoid(score.amax(-1))  # (B, M)
+
+
+class FusedFeatures(NamedTuple):
+    """Input of the decoder: features of the selected points and, for the point branch, of the patch."""
+
+    point: Tensor | None  # (B, K, 256), 128 without one of the branches or without refinement
+    patch: Tensor | None  # (B, 128); the third part of the point branch's concatenation, the same for all K
+    normal: Tensor | None  # (B, K, 256), or 128 likewise; the patch's part is already added
+
+
+class FeatureRefinement(nn.Module):
+    """Augmentation of the selected points' features by their neighbours', fusion of the two branches."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.transpose = config.release_transpose
+        self.point = Conv1x1(128, 128) if config.point_branch else None
+        self.normal = Conv1x1(128, 128) if config.normal_branch else None
+
+    def augment(self, conv: Conv1x1, f: Tensor, weight: Tensor, selected: Tensor, graph: Tensor) -> Tensor:
+        near = weight[..., None] * f  # (B, M, 128)
+        if self.transpose:  # the released code makes (B, 128, M) of it and reads that buffer as (B, M, 128)
+            near = near.transpose(1, 2).contiguous().view(f.shape)
+        out: Tensor = conv(gather_points(f, selected) + gather_mean(near, graph))  # (B, K, 128)
+        return out
+
+    def forward(
+        self, f_p: Tensor | None, f_n: Tensor | None, weight: Tensor, selected: Tensor, graph: Tensor
+    ) -> FusedFeatures:
+        point, normal, patch, local = None, None, None, None
+        if self.point is not None and f_p is not None:
+            point = self.augment(self.point, f_p, weight, selected, graph)
+            patch = f_p.float().amax(1)
+        if self.normal is not None and f_n is not None:
+            normal = self.augment(self.normal, f_n, weight, selected, graph)
+            local = normal + f_n.float().amax(1)[:, None]
+        return FusedFeatures(_concat(point, normal), patch, _concat(local, point))
+
+
+def _concat(own: Tensor | None, other: Tensor | None) -> Tensor | None:
+    """Features of a branch followed by the other's, where there is another."""
+    if own is None or other is None:
+        return own
+    return torch.cat([own, other], -1)
+
+
+class CoordinateRegressor(nn.Module):
+    """Displacement of the centre from the refined point features."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        fused = config.refinement
+        self.conv = Conv1x1(256 if fused and config.normal_branch else 128, 512, shared=128 if fused else 0)
+        self.reduce = nn.Sequential(Conv1x1(512, 256, slope=0.0), Conv1x1(256, 64, slope=0.0))  # ReLU
+        self.out = nn.Linear(64, 3)
+
+    def forward(self, f: Tensor, patch: Tensor | None) -> Tensor:
+        f = self.conv(f, patch).amax(1)  # (B, 512)
+        return torch.tanh(self.out(self.reduce(f)).float())  # (B, 3)
+
+
+class NormalRegressor(nn.Module):
+    """Filtered normal of the centre from the refined normal features."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.conv = Conv1x1(256 if config.refinement and config.point_branch else 128, 128)
+        self.squeeze = EdgeConv(128, 64)
+        self.expand = EdgeConv(64, 128)
+        self.lift = Conv1x1(128, 256)
+        self.reduce = nn.Sequential(Conv1x1(256, 128), Conv1x1(128, 64))
+        self.out = nn.Linear(64, 3)
+
+    def forward(self, f: Tensor) -> Tensor:
+        f = self.conv(f)  # (B, K, 128)
+        g = self.squeeze(f, knn(f, REGRESSOR_NEIGHBOURS))  # (B, K, 64)
+        g = self.expand(g, knn(g, REGRESSOR_NEIGHBOURS))  # (B, K, 128)
+        f = self.lift(f + g).amax(1)  # (B, 256)
+        out: Tensor = self.out(self.reduce(f)).float()  # (B, 3)
+        return out
+
+
+class Decoder(nn.Module):
+    """Coordinate and normal regressor."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.coordinate = CoordinateRegressor(config) if config.point_branch else None
+        self.normal = NormalRegressor(config) if config.normal_branch else None
+        if config.anchor:  # start from the fit
+            for regressor in (self.coordinate, self.normal):
+                if regressor is not None:
+                    nn.init.normal_(regressor.out.weight, std=1e-3)
+                    nn.init.zeros_(regressor.out.bias)
+
+    def forward(self, fused: FusedFeatures) -> tuple[Tensor | None, Tensor | None]:
+        displacement = normal = None
+        if self.coordinate is not None and fused.point is not None:
+            displacement = self.coordinate(fused.point, fused.patch)
+        if self.normal is not None and fused.normal is not None:
+            normal = self.normal(fused.normal)
+        return displacement, normal
+
+
+class PCDNF(nn.Module):
+    """Joint denoising and normal filtering of patches.
+
+    Parameters
+    ----------
+    config : NetworkConfig, optional
+    """
+
+    def __init__(self, config: NetworkConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or NetworkConfig()
+        self.point_extractor = MultiscaleFeatureExtractor(config) if config.point_branch else None
+        self.normal_extractor = MultiscaleFeatureExtractor(config) if config.normal_branch else None
+        self.selector = ShapeAwareSelector(config) if config.selector else None
+        self.refinement = FeatureRefinement(config) if config.refinement else None
+        self.decoder = Decoder(config)
+
+    def forward(self, points: Tensor, normals: Tensor) -> NetworkOutput:
+        """Predict for the centres of B patches.
+
+        Parameters
+        ----------
+        points : Tensor (B, M, 3), float32
+            Patch points in the patch frame: centre at the origin, radius 1.
+        normals : Tensor (B, M, 3), float32
+            Their unit normals in the same frame.
+
+        Returns
+        -------
+        NetworkOutput
+            float32 whatever autocast says.
+        """
+        B, M, _ = points.shape
+        f_p, f_n, refined_points, refined_normals = None, None, points, normals
+        if self.point_extractor is not None:
+            f_p, refined_points = self.point_extractor(points)  # (B, M, 128), (B, M, 3)
+        if self.normal_extractor is not None:
+            f_n, refined_normals = self.normal_extractor(normals)
+
+        if self.selector is not None:
+            weight = self.selector(refined_points, refined_normals, f_p, f_n)  # (B, M)
+            selected = weight.topk(self.config.selected, dim=-1).indices  # (B, K)
+        else:
+            weight = points.new_ones(B, M)
+            selected = torch.arange(M, device=points.device).expand(B, M)
+
+        if self.refinement is not None:
+            graph = knn(refined_points, self.config.k4, selected)  # (B, K, k4)
+            fused = self.refinement(f_p, f_n, weight, selected, graph)
+        else:
+            f_p, f_n = (f if f is None else gather_points(f, selected) for f in (f_p, f_n))
+            fused = FusedFeatures(f_p, None, f_n)
+        displacement, normal = self.decoder(fused)
+
+        if self.config.anchor:
+            fit = fit_quadric(points, weight + ANCHOR_FLOOR, ridge=points.new_tensor(ANCHOR_RIDGE))
+            displacement = fit.displacement() + (0 if displacement is None else ANCHOR_REACH * displacement)
+            normal = fit.normal() + (0 if normal is None else normal)
+        if displacement is None:
+            displacement = points.new_zeros(B, 3)
+        if normal is None:
+            centre = points.square().sum(-1).argmin(1, keepdim=True)
+            normal = gather_points(normals, centre)[:, 0]
+        return NetworkOutput(displacement, normal, weight, selected, refined_points, refined_normals)
