@@ -113,7 +113,8 @@ def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inn
                     last = starts[np.searchsorted(keys, high)]
                     if total + last - first > len(found):
                         grown = np.empty(2 * (total + last - first), np.int64)
-                        grown[:total] = found[:total]
+                        for i in range(total):
+                            grown[i] = found[i]
                         found = grown
                     for j in range(first, last):
                         dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z

@@ -331,7 +331,9 @@ class PCDNF(nn.Module):
         displacement, normal = self.decoder(fused)
 
         if self.config.anchor:
-            fit = fit_quadric(points, weight + ANCHOR_FLOOR, ridge=points.new_tensor(ANCHOR_RIDGE))
+            real = points.abs().amax(-1) > 0  # (B, M); padding lies on the centre and must not pull the fit to it
+            real[:, 0] = True
+            fit = fit_quadric(points, (weight + ANCHOR_FLOOR) * real, ridge=points.new_tensor(ANCHOR_RIDGE))
             displacement = fit.displacement() + (0 if displacement is None else ANCHOR_REACH * displacement)
             normal = fit.normal() + (0 if normal is None else normal)
         if displacement is None:

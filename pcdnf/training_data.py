@@ -156,7 +156,7 @@ class BatchStream:
         batch: int,
         clouds_a_batch: int = 4,
         pool: int = 64,
-        fresh_every: int = 20,
+        fresh_every: int,
         edges: float = 0.25,
     ) -> None:
         self._recipe, self._rng = recipe, np.random.default_rng(seed)

@@ -1,0 +1,85 @@
+"""Place and order of a cloud: its frame of reference in float64, its points along a space-filling curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import PcdnfError
+
+SMALLEST_EXTENT, LARGEST_EXTENT = 1e-12, 1e12
+"""Bounding-box diagonals accepted, in the file's unit."""
+
+
+class CloudError(PcdnfError):
+    """Points that cannot be denoised."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Centre (3,) float64 and bounding-box diagonal of a cloud: local = (world - centre) / diagonal."""
+
+    centre: NDArray[np.float64]
+    diagonal: float
+
+    @classmethod
+    def of(cls, points: NDArray[np.floating]) -> Frame:
+        """Frame of points (N, 3).
+
+        Raises
+        ------
+        CloudError
+            NaN or infinity, no extent, or one outside 1e-12 to 1e12.
+        """
+        points = np.asarray(points, np.float64)
+        low, high = points.min(0), points.max(0)
+        if not np.isfinite(low + high).all():
+            raise CloudError(
+                "The cloud has coordinates that are not finite numbers.",
+                code="nonfinite",
+                hint="Remove those points first.",
+            )
+        diagonal = float(np.linalg.norm(high - low))
+        if diagonal == 0:
+            raise CloudError(
+                "All points of the cloud are equal.", code="zero_extent", hint="Check how the file was written."
+            )
+        if not SMALLEST_EXTENT <= diagonal <= LARGEST_EXTENT:
+            raise CloudError(
+                f"The cloud's bounding-box diagonal is {diagonal:.3g}; it must lie between {SMALLEST_EXTENT:g} and"
+                f" {LARGEST_EXTENT:g}.",
+                code="extent_out_of_range",
+                hint="Change the unit of the coordinates, or remove far outliers.",
+            )
+        return cls(low + (high - low) / 2, diagonal)
+
+    def to_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """World coordinates (N, 3) to centred ones of diagonal 1."""
+        local: NDArray[np.float64] = (points - self.centre) / self.diagonal
+        return local
+
+    def to_json(self) -> dict[str, float | list[float]]:
+        """Plain values that lose nothing."""
+        return {"centre": self.centre.tolist(), "diagonal": self.diagonal}
+
+    @classmethod
+    def from_json(cls, values: dict[str, float | list[float]]) -> Frame:
+        """The inverse of :meth:`to_json`."""
+        return cls(np.asarray(values["centre"], np.float64), float(np.asarray(values["diagonal"])))
+
+
+def spatial_order(local: NDArray[np.float64], bits: int = 10) -> NDArray[np.int64]:
+    """Indices (N,) int64 of local points (N, 3) along a Morton curve of ``bits`` a coordinate."""
+    cells = np.clip((local + 0.5) * (1 << bits), 0, (1 << bits) - 1).astype(np.int64)
+    code = np.zeros(len(local), np.int64)
+    for bit in range(bits):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def tiles(count: int, size: int) -> list[tuple[int, int]]:
+    """Ranges (start, stop) of ``size`` that cover ``count``."""
+    return [(start, min(start + size, count)) for start in range(0, count, size)]

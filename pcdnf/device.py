@@ -1,0 +1,66 @@
+"""Which device and which precision a network runs with."""
+
+from __future__ import annotations
+
+import torch
+
+from .errors import PcdnfError
+
+GAINS_BY_BFLOAT16 = ("pcdnf",)
+"""Networks whose time goes into matrix products; the light one is bound by memory and element-wise work."""
+
+
+class DeviceError(PcdnfError):
+    """A device or a precision this machine does not have."""
+
+
+def choose_device(name: str) -> str:
+    """"auto", "cpu", "cuda" or "cuda:N" to "cpu" or "cuda:N".
+
+    Raises
+    ------
+    DeviceError
+        Unknown name, or no such GPU.
+    """
+    if name == "auto":
+        return "cuda:0" if torch.cuda.is_available() else "cpu"
+    if name == "cpu":
+        return name
+    kind, _, number = name.partition(":")
+    if kind != "cuda" or not (number or "0").isdigit():
+        raise DeviceError(
+            f"There is no device called {name!r}.", code="unknown_device", hint="Use auto, cpu, cuda or cuda:N."
+        )
+    if int(number or 0) >= torch.cuda.device_count():
+        raise DeviceError(
+            f"This machine has no device {name}: {torch.cuda.device_count()} GPUs can be used.",
+            code="no_such_device",
+            hint="Use device auto or cpu, or install a CUDA build of torch.",
+        )
+    return f"cuda:{number or 0}"
+
+
+def has_native_bfloat16(device: str) -> bool:
+    """Whether the device multiplies bfloat16 matrices in hardware."""
+    if device != "cpu":
+        return torch.cuda.get_device_capability(device) >= (8, 0)
+    return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
+
+
+def choose_precision(name: str, *, device: str, kind: str) -> str:
+    """"auto", "float32" or "bfloat16" to one of the last two.
+
+    Raises
+    ------
+    DeviceError
+        Unknown name.
+    """
+    if name == "auto":
+        return "bfloat16" if kind in GAINS_BY_BFLOAT16 and has_native_bfloat16(device) else "float32"
+    if name not in ("float32", "bfloat16"):
+        raise DeviceError(
+            f"There is no precision called {name!r}.",
+            code="unknown_precision",
+            hint="Use auto, float32 or bfloat16.",
+        )
+    return name

@@ -1,0 +1,53 @@
+"""The two networks by kind: configuration, recipe and loss weights each is trained with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from torch import nn
+
+from .lite import LiteConfig, PCDNFLite
+from .losses import LossWeights
+from .network import PCDNF, NetworkConfig
+from .patches import Recipe
+
+
+@dataclass(frozen=True, kw_only=True)
+class Defaults:
+    """What a training of one kind starts from."""
+
+    config: NetworkConfig | LiteConfig
+    recipe: Recipe
+    losses: LossWeights
+    batch: int
+    learning_rate: float
+    fresh_every: int
+
+
+DEFAULTS = {
+    "pcdnf": Defaults(
+        config=NetworkConfig(anchor=True),
+        recipe=Recipe(kind="ball", points=512),
+        losses=LossWeights(nearest=2.0),
+        batch=64,
+        learning_rate=2e-3,
+        fresh_every=15,
+    ),
+    "lite": Defaults(
+        config=LiteConfig(),
+        recipe=Recipe(kind="near-far", points=128, near=48),
+        losses=LossWeights(alpha=1.0, ortho=0.0, nearest=2.0, dense_point=0.0, dense_normal=0.0),
+        batch=256,
+        learning_rate=3e-3,
+        fresh_every=60,
+    ),
+}
+
+
+def build_network(kind: str, config: Mapping[str, Any]) -> nn.Module:
+    """A network of ``kind`` with fresh weights, from the configuration in a checkpoint's metadata."""
+    if kind == "lite":
+        return PCDNFLite(LiteConfig(**config))
+    return PCDNF(NetworkConfig(**config))
