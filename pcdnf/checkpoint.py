@@ -165,7 +165,7 @@ def _info(path: Path, digest: str, metadata: Mapping[str, str]) -> ModelInfo:
         if metadata["kind"] not in KINDS:
             raise _unreadable(path)
         tables = {key: json.loads(metadata[key]) for key in ("config", "recipe", "training")}
-        texts = {key: metadata[key] for key in ("name", "kind", "licence", "version")}
+        texts: dict[str, Any] = {key: metadata[key] for key in ("name", "kind", "licence", "version")}
     except (KeyError, ValueError) as error:
         raise _unreadable(path) from error
     return ModelInfo(sha256=digest, path=path, **texts, **tables)

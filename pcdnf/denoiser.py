@@ -25,7 +25,7 @@ from .cloud import Frame, spatial_order, tiles
 from .device import choose_device, choose_precision
 from .lite import LiteOutput
 from .models import build_network
-from .network import NetworkOutput, PCDNF
+from .network import PCDNF, NetworkOutput
 from .normals import pca_normals
 from .patches import Patches, PatchSource, Recipe
 
@@ -137,8 +137,7 @@ class Denoiser:
         self.batch = (BATCH if device == "cpu" else CUDA_BATCH)[self.kind]
         dtype = torch.bfloat16 if precision == "bfloat16" else torch.float32
         network.eval()
-        inference = network.folded(dtype) if isinstance(network, PCDNF) else network
-        self._network: nn.Module = inference.to(device)
+        self._network = network.to(device)
         self._autocast = self.kind == "lite" and dtype is torch.bfloat16
         self.minimum_points = FEWEST_NEIGHBOURS + 10
 
@@ -221,19 +220,19 @@ class Denoiser:
             Too few points, no extent, or one out of range, NaN or infinity.
         Stopped
         """
-        points = np.ascontiguousarray(points, np.float64)
-        if len(points) < self.minimum_points:
+        given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
+        if len(given) < self.minimum_points:
             raise CloudError(
-                f"The cloud has {len(points)} points; the network needs at least {self.minimum_points}.",
+                f"The cloud has {len(given)} points; the network needs at least {self.minimum_points}.",
                 code="too_few_points",
                 hint="Send a denser or larger piece of the scan.",
             )
-        frame = Frame.of(points) if frame is None else frame
-        local = frame.to_local(points)
+        frame = Frame.of(given) if frame is None else frame
+        local = frame.to_local(given)
         tree = cKDTree(local)
         raw = _raw_normals(local, normals, tree, should_stop)
         source = PatchSource(local, raw, self.recipe, diagonal=1.0, seed=seed, tree=tree)
-        return Cloud(points, raw, frame, source)
+        return Cloud(given, raw, frame, source)
 
     def denoise_tile(
         self,
@@ -318,16 +317,17 @@ class Denoiser:
         Stopped
             ``should_stop`` returned True.
         """
-        given = np.ascontiguousarray(points, np.float64)
+        given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
         frame = Frame.of(given)
         current, raw = given, normals
+        moved, turned = given, np.empty(given.shape, np.float32)
         flagged = np.zeros(len(given), bool)
         total = iterations * len(given)
         for iteration in range(iterations):
             cloud = self.prepare(
                 current, raw, frame=frame, seed=iteration_seed(seed, iteration), should_stop=should_stop
             )
-            current, raw = np.empty_like(given), np.empty(given.shape, np.float32)
+            moved, turned = np.empty_like(given), np.empty(given.shape, np.float32)
             for start, stop in cloud.tiles():
                 before = iteration * len(given) + start
 
@@ -337,9 +337,10 @@ class Denoiser:
 
                 tile = self.denoise_tile(cloud, start, stop, progress=step, should_stop=should_stop)
                 rows = cloud.order[start:stop]
-                current[rows], raw[rows] = tile.points, tile.normals
+                moved[rows], turned[rows] = tile.points, tile.normals
                 flagged[rows] |= tile.flagged
-        return DenoiseResult(current, raw, flagged, self.metadata(seed=seed, iterations=iterations))
+            current, raw = moved, turned
+        return DenoiseResult(moved, turned, flagged, self.metadata(seed=seed, iterations=iterations))
 
     def metadata(self, *, seed: int, iterations: int) -> dict[str, str]:
         """What is needed to repeat a run, for the result's file."""

@@ -15,7 +15,7 @@ class DeviceError(PcdnfError):
 
 
 def choose_device(name: str) -> str:
-    """"auto", "cpu", "cuda" or "cuda:N" to "cpu" or "cuda:N".
+    """ "auto", "cpu", "cuda" or "cuda:N" to "cpu" or "cuda:N".
 
     Raises
     ------
@@ -48,7 +48,7 @@ def has_native_bfloat16(device: str) -> bool:
 
 
 def choose_precision(name: str, *, device: str, kind: str) -> str:
-    """"auto", "float32" or "bfloat16" to one of the last two.
+    """ "auto", "float32" or "bfloat16" to one of the last two.
 
     Raises
     ------

@@ -83,9 +83,10 @@ class PCDNFLite(nn.Module):
         self.block = ContextBlock(width, width)
         self.block_norm = nn.LayerNorm(width)
         self.score = ContextBlock(width, 1)
-        self.correct = nn.Sequential(nn.Linear(2 * width, width), nn.LeakyReLU(SLOPE), nn.Linear(width, 6))
-        nn.init.zeros_(self.correct[2].weight)
-        nn.init.zeros_(self.correct[2].bias)
+        last = nn.Linear(width, 6)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.correct = nn.Sequential(nn.Linear(2 * width, width), nn.LeakyReLU(SLOPE), last)
         self.register_buffer("ridge", torch.tensor(RIDGE), persistent=False)
 
     def forward(self, points: Tensor, normals: Tensor) -> LiteOutput:

@@ -41,14 +41,14 @@ def pca_normals(
     ndarray, (N, 3) float32
         Unit normals without a consistent sign.
     """
-    points = np.ascontiguousarray(points, np.float64)
-    tree = cKDTree(points) if tree is None else tree
-    k = min(k, len(points))
-    normals = np.empty(points.shape, np.float32)
-    for start in range(0, len(points), CHUNK):
+    located: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
+    tree = cKDTree(located) if tree is None else tree
+    k = min(k, len(located))
+    normals = np.empty(located.shape, np.float32)
+    for start in range(0, len(located), CHUNK):
         if check is not None:
             check()
-        _, index = tree.query(points[start : start + CHUNK], k, workers=workers)
+        _, index = tree.query(located[start : start + CHUNK], k, workers=workers)
         index = np.asarray(index, np.int64).reshape(-1, k)
-        normals[start : start + CHUNK] = principal_axes(points, index)[:, 2]
+        normals[start : start + CHUNK] = principal_axes(located, index)[:, 2]
     return normals

@@ -80,9 +80,9 @@ def _primitive(rng: Generator) -> manifold3d.Manifold:
         ring, tube = rng.uniform(0.35, 0.6), rng.uniform(0.08, 0.25)
         outline = np.stack([ring + tube * np.cos(angle), tube * np.sin(angle)], 1)
         return solid.revolve(manifold3d.CrossSection([outline], manifold3d.FillRule.Positive), ROUND)
-    sides = rng.uniform(0.4, 1.2, 3)
-    sides[rng.integers(3)] = rng.uniform(0.02, 0.12)  # a thin plate
-    return solid.cube(tuple(sides), True)
+    plate = rng.uniform(0.4, 1.2, 3)
+    plate[rng.integers(3)] = rng.uniform(0.02, 0.12)
+    return solid.cube(tuple(plate), True)
 
 
 def _solid(rng: Generator, count: int) -> CleanCloud | None:
@@ -137,7 +137,7 @@ def _level_set(rng: Generator, count: int) -> CleanCloud | None:
     volume = field(grid)[0].reshape(cells, cells, cells)
     if not volume.min() < LEVEL < volume.max():
         return None
-    vertices, faces, _, _ = measure.marching_cubes(volume, LEVEL)
+    vertices, faces, _, _ = measure.marching_cubes(volume, LEVEL)  # type: ignore[no-untyped-call]
     surface = trimesh.Trimesh(vertices * (2 * reach / (cells - 1)) - reach, faces, process=False)
     points, _ = trimesh.sample.sample_surface(surface, count, seed=rng)
     points = np.asarray(points)

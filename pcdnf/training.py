@@ -112,9 +112,7 @@ class Trainer:
         self.network = build_network(options.kind, asdict(self.defaults.config))
         self.average = build_network(options.kind, asdict(self.defaults.config)).eval()
         self.average.load_state_dict(self.network.state_dict())
-        self.optimizer = torch.optim.AdamW(
-            self.network.parameters(), lr=self.defaults.learning_rate, weight_decay=1e-4
-        )
+        self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=self.defaults.learning_rate, weight_decay=1e-4)
         self.step, self.elapsed, self.best = 0, 0.0, math.inf
         self._resume()
 
@@ -182,9 +180,7 @@ class Trainer:
     def _update_average(self) -> None:
         decay = min(0.999, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
-            for mean, value in zip(
-                self.average.state_dict().values(), self.network.state_dict().values(), strict=True
-            ):
+            for mean, value in zip(self.average.state_dict().values(), self.network.state_dict().values(), strict=True):
                 if mean.is_floating_point():
                     mean.lerp_(value, 1 - decay)
                 else:

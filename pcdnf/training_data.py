@@ -197,9 +197,7 @@ class BatchStream:
             self._ready.put(error)
 
 
-def sample_batch(
-    clouds: list[TrainingCloud], rng: Generator, size: int, clouds_a_batch: int, edges: float
-) -> Batch:
+def sample_batch(clouds: list[TrainingCloud], rng: Generator, size: int, clouds_a_batch: int, edges: float) -> Batch:
     """A batch of ``size`` patches from ``clouds_a_batch`` random clouds."""
     parts = [
         clouds[int(rng.integers(len(clouds)))].batch(rng, size // clouds_a_batch, edges) for _ in range(clouds_a_batch)
