@@ -1,0 +1,248 @@
+"""A point cloud as a file carries it, the limits a file is read under, and the checks on its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import FormatError
+
+Array = NDArray[Any]
+
+FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
+"""Types of coordinates and normals in memory."""
+
+EXTENT_RANGE = (1e-12, 1e12)
+"""Bounding-box diagonals that are accepted: inside it, squares and quotients stay finite in float64."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a reader accepts.
+
+    Attributes
+    ----------
+    max_points : int
+        Most points of a cloud.
+    max_bytes : int
+        Most bytes of the file, and of what an NPZ inflates to.
+    minimum_points : int
+        Fewest finite points.
+    nonfinite : {"reject", "drop"}
+        What happens to rows with NaN or infinity in coordinates or normals.
+    """
+
+    max_points: int = 100_000_000
+    max_bytes: int = 8 * 1024**3
+    minimum_points: int = 1
+    nonfinite: Literal["reject", "drop"] = "reject"
+
+    def __post_init__(self) -> None:
+        if self.nonfinite not in ("reject", "drop"):
+            raise ValueError(f"nonfinite must be 'reject' or 'drop', not {self.nonfinite!r}")
+        if min(self.max_points, self.max_bytes, self.minimum_points) < 1:
+            raise ValueError("max_points, max_bytes and minimum_points must be at least 1")
+
+
+@dataclass(frozen=True)
+class PlyFlavour:
+    """How a PLY stored its vertices: the encoding, and (name, type as spelled) in file order."""
+
+    encoding: str = "binary_little_endian"
+    properties: tuple[tuple[str, str], ...] = ()
+    normals: tuple[str, str, str] = ("nx", "ny", "nz")
+    format: Literal["ply"] = "ply"
+
+
+@dataclass(frozen=True)
+class NpzFlavour:
+    """How an NPZ stored its arrays: member names in order, types of the two known ones."""
+
+    members: tuple[str, ...] = ("points",)
+    points: str = "points"
+    points_dtype: str = "<f4"
+    normals_dtype: str | None = None
+    compressed: bool = True
+    format: Literal["npz"] = "npz"
+
+
+@dataclass(kw_only=True)
+class PointCloud:
+    """Points and everything their file carried with them.
+
+    Attributes
+    ----------
+    points : (N, 3) float32 or float64 array
+        Coordinates, in the file's unit.
+    normals : (N, 3) float32 or float64 array or None
+        Normals as stored: not necessarily of unit length.
+    attributes : dict of str to (N, ...) array
+        Every other per-point column, in file order, with its type.
+    extras : dict of str to array
+        NPZ members that are not per point.
+    comments, obj_info : list of str
+        Header lines of a PLY; our own metadata is not among them.
+    metadata : dict of str to str
+        What an earlier denoising recorded (PLY comments ``pcdnf <key>: <value>``, NPZ ``pcdnf_<key>``).
+    flavour : PlyFlavour or NpzFlavour
+        How it was stored, so that it can go back the same way.
+    warnings : list of str
+        Sentences on what was skipped or converted while reading.
+    dropped : (D,) int64 array
+        Rows of the file that ``nonfinite="drop"`` left out.
+    """
+
+    points: Array
+    normals: Array | None = None
+    attributes: dict[str, Array] = field(default_factory=dict)
+    extras: dict[str, Array] = field(default_factory=dict)
+    comments: list[str] = field(default_factory=list)
+    obj_info: list[str] = field(default_factory=list)
+    metadata: dict[str, str] = field(default_factory=dict)
+    flavour: PlyFlavour | NpzFlavour = field(default_factory=PlyFlavour)
+    warnings: list[str] = field(default_factory=list)
+    dropped: Array = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def __post_init__(self) -> None:
+        for array in (self.points, self.normals):
+            if array is not None and (array.ndim != 2 or array.shape[1] != 3 or array.dtype not in FLOATS):
+                raise ValueError(f"expected (N, 3) float32 or float64, not {array.dtype} {array.shape}")
+        if self.normals is not None and self.normals.shape != self.points.shape:
+            raise ValueError(f"normals {self.normals.shape} do not match points {self.points.shape}")
+        for name, column in self.attributes.items():
+            if len(column) != len(self.points):
+                raise ValueError(f"attribute {name!r} has {len(column)} rows, not {len(self.points)}")
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def replaced(
+        self, points: ArrayLike, normals: ArrayLike | None, *, metadata: Mapping[str, str] | None = None
+    ) -> PointCloud:
+        """The same cloud with new coordinates and normals.
+
+        Parameters
+        ----------
+        points : (N, 3) array_like
+            New coordinates, in the order of the old ones; stored in their type.
+        normals : (N, 3) array_like or None
+            New normals, stored in the type of the file's, or of the coordinates; None keeps the old.
+        metadata : mapping of str to str, optional
+            Replaces all recorded metadata, so that results of results do not pile it up.
+        """
+        known = self.points.dtype if self.normals is None else self.normals.dtype
+        recorded = dict(self.metadata if metadata is None else metadata)
+        if metadata is not None and self.dropped.size:
+            recorded["dropped_rows"] = row_ranges(self.dropped)
+        return replace(
+            self,
+            points=np.asarray(points, self.points.dtype),
+            normals=self.normals if normals is None else np.asarray(normals, known),
+            metadata=recorded,
+        )
+
+
+def row_ranges(rows: Array, width: int = 400) -> str:
+    """Sorted row numbers as text: ``"3, 17-20 (5 rows)"``; at most about ``width`` characters of ranges."""
+    breaks = np.flatnonzero(np.diff(rows) != 1)
+    firsts = rows[np.concatenate([[0], breaks + 1])]
+    lasts = rows[np.concatenate([breaks, [len(rows) - 1]])]
+    parts: list[str] = []
+    length = 0
+    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+        part = str(first) if first == last else f"{first}-{last}"
+        length += len(part) + 2
+        if length > width:
+            parts.append("…")
+            break
+        parts.append(part)
+    return f"{', '.join(parts)} ({len(rows)} row{'s' if len(rows) != 1 else ''})"
+
+
+def checked(cloud: PointCloud, limits: Limits) -> PointCloud:
+    """The cloud if its numbers can be worked on: enough points, finite, of a sane extent.
+
+    Raises
+    ------
+    FormatError
+        ``too_few_points``, ``nonfinite``, ``zero_extent``, ``extent_out_of_range``.
+    """
+    check_enough(len(cloud), limits)
+    finite: Array = np.asarray(np.isfinite(cloud.points).all(axis=1))
+    if cloud.normals is not None:
+        finite = finite & np.isfinite(cloud.normals).all(axis=1)
+    if not finite.all():
+        cloud = _without_nonfinite(cloud, finite, limits)
+    check_extent(cloud.points)
+    return cloud
+
+
+def check_enough(count: int, limits: Limits) -> None:
+    """Raise ``too_few_points`` when ``count`` is under the minimum."""
+    if count < limits.minimum_points:
+        raise FormatError(
+            f"The cloud has {count} points; at least {limits.minimum_points} are needed.",
+            code="too_few_points",
+            hint="Send a denser or a larger cloud.",
+            limit=limits.minimum_points,
+            actual=count,
+        )
+
+
+def check_count(count: int, limits: Limits) -> None:
+    """Raise ``too_many_points`` when ``count`` is over the limit."""
+    if count > limits.max_points:
+        raise FormatError(
+            f"The file declares {count} points; the limit is {limits.max_points}.",
+            code="too_many_points",
+            hint="Cut the cloud into parts, or thin it out.",
+            limit=limits.max_points,
+            actual=count,
+        )
+
+
+def _without_nonfinite(cloud: PointCloud, finite: Array, limits: Limits) -> PointCloud:
+    bad = np.flatnonzero(~finite)
+    if limits.nonfinite == "reject":
+        raise FormatError(
+            f"{len(bad)} of {len(cloud)} points have NaN or infinity in their coordinates or normals; "
+            f"the first is row {bad[0]} (counted from 0).",
+            code="nonfinite",
+            hint="Remove these rows, or ask for nonfinite=drop to have them left out.",
+            limit=0,
+            actual=len(bad),
+        )
+    check_enough(int(finite.sum()), limits)
+    return replace(
+        cloud,
+        points=cloud.points[finite],
+        normals=None if cloud.normals is None else cloud.normals[finite],
+        attributes={name: column[finite] for name, column in cloud.attributes.items()},
+        dropped=bad,
+        warnings=[*cloud.warnings, f"Rows with NaN or infinity were left out: {row_ranges(bad)}."],
+    )
+
+
+def check_extent(points: Array) -> None:
+    """Raise ``zero_extent`` or ``extent_out_of_range`` by the bounding-box diagonal of finite points."""
+    with np.errstate(over="ignore", under="ignore"):
+        spans = points.max(axis=0).astype(np.float64) - points.min(axis=0).astype(np.float64)
+        diagonal = float(np.sqrt(np.square(spans).sum()))
+    if not spans.any():
+        raise FormatError(
+            f"All {len(points)} points are equal, so the cloud has no surface.",
+            code="zero_extent",
+            hint="Check that the coordinates were exported.",
+        )
+    smallest, largest = EXTENT_RANGE
+    if not smallest <= diagonal <= largest:
+        raise FormatError(
+            f"The bounding box has a diagonal of {diagonal:.3g}; "
+            f"it must lie between {smallest:g} and {largest:g}.",
+            code="extent_out_of_range",
+            hint="Remove outliers, or change the unit of the coordinates.",
+        )
