@@ -1,0 +1,113 @@
+"""The compose files: what is hardened, what is published, and that they name settings and targets that exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from service.settings import Settings
+
+ROOT = Path(__file__).parents[2]
+BASE = ROOT / "docker-compose.yml"
+PUBLIC = ROOT / "docker" / "compose.public.yml"
+POSTGRES = ROOT / "docker" / "compose.postgres.yml"
+OWN_SERVICES = ["api", "worker", "worker-gpu"]
+
+
+class Loader(yaml.SafeLoader):
+    """YAML with compose's ``!reset``, which takes away what an earlier file said."""
+
+
+Loader.add_constructor("!reset", lambda _loader, _node: "!reset")
+
+
+def load(path: Path) -> dict[str, Any]:
+    loaded = yaml.load(path.read_text(), Loader)
+    assert isinstance(loaded, dict)
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def services() -> dict[str, Any]:
+    found = load(BASE)["services"]
+    assert sorted(found) == OWN_SERVICES
+    return found
+
+
+@pytest.mark.parametrize("name", OWN_SERVICES)
+def test_a_service_is_locked_down_and_bounded(services: dict[str, Any], name: str) -> None:
+    service = services[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["tmpfs"][0].startswith("/tmp:size=")
+    assert service["volumes"] == ["data:/data"]
+    assert service["mem_limit"]
+    assert service["pids_limit"]
+    assert not {"privileged", "cap_add", "devices", "user"} & service.keys()
+
+
+def test_only_the_api_is_published_and_only_to_this_machine(services: dict[str, Any]) -> None:
+    assert services["api"]["ports"] == ["127.0.0.1:${PUBLISHED_PORT:-8000}:8000"]
+    for name in ("worker", "worker-gpu"):
+        assert "ports" not in services[name]
+        assert services[name]["network_mode"] == "none"
+
+
+def test_serving_other_machines_takes_keys_and_the_proxy() -> None:
+    public = load(PUBLIC)
+    api = public["services"]["api"]
+    assert api["ports"] == "!reset"
+    assert api["environment"]["PCDNF_ALLOW_ANONYMOUS"] == "false"
+    assert api["environment"]["PCDNF_API_KEYS_FILE"] == "/run/secrets/api_keys"
+    assert public["secrets"]["api_keys"]["file"].startswith("${API_KEYS_FILE:?")
+    proxy = public["services"]["proxy"]
+    assert proxy["read_only"] is True
+    assert proxy["cap_drop"] == ["ALL"]
+    assert "./docker/nginx.conf:/etc/nginx/nginx.conf:ro" in proxy["volumes"]
+
+
+def test_gpu_worker_reserves_a_device_and_stays_out_by_default(services: dict[str, Any]) -> None:
+    worker = services["worker-gpu"]
+    assert worker["profiles"] == ["gpu"]
+    assert worker["environment"]["PCDNF_REQUIRE_GPU"] == "true"
+    [device] = worker["deploy"]["resources"]["reservations"]["devices"]
+    assert device == {"driver": "nvidia", "count": 1, "capabilities": ["gpu"]}
+    assert "profiles" not in services["worker"]
+
+
+def test_workers_on_one_volume_have_slots_of_their_own(services: dict[str, Any]) -> None:
+    slots = [services[name]["environment"]["PCDNF_WORKER_ID"] for name in ("worker", "worker-gpu")]
+    assert len(set(slots)) == 2
+    for name in ("worker", "worker-gpu"):
+        override = load(POSTGRES)["services"][name]
+        assert override["environment"]["PCDNF_WORKER_ID"] == ""
+        assert override["network_mode"] == "!reset"
+
+
+def test_a_container_gets_longer_than_the_service_needs_to_stop(services: dict[str, Any]) -> None:
+    needed = Settings.model_fields["grace_seconds"].default
+    for service in services.values():
+        assert int(service["stop_grace_period"].removesuffix("s")) > needed
+
+
+def test_every_setting_named_exists() -> None:
+    known = {f"PCDNF_{name.upper()}" for name in Settings.model_fields}
+    for path in (BASE, PUBLIC, POSTGRES, ROOT / "docker" / "Dockerfile"):
+        assert set(re.findall(r"PCDNF_[A-Z_]+", path.read_text())) <= known, path.name
+
+
+def test_every_target_named_is_a_stage(services: dict[str, Any]) -> None:
+    stages = re.findall(r"^FROM .* AS (\S+)$", (ROOT / "docker" / "Dockerfile").read_text(), re.MULTILINE)
+    assert {service["build"]["target"] for service in services.values()} == {"cpu", "cuda"} <= set(stages)
+    assert stages[-1] == "cpu"
+
+
+def test_files_named_exist(services: dict[str, Any]) -> None:
+    for service in services.values():
+        assert (ROOT / service["build"]["dockerfile"]).is_file()
+    assert (ROOT / "docker" / "nginx.conf").is_file()
