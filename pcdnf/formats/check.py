@@ -29,9 +29,7 @@ _GRACE_SECONDS = 5
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of ``python -m pcdnf.formats.check``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m pcdnf.formats.check", description="Check a point-cloud file."
-    )
+    parser = argparse.ArgumentParser(prog="python -m pcdnf.formats.check", description="Check a point-cloud file.")
     parser.add_argument("path")
     parser.add_argument("--limits-json", default="{}", help="fields of pcdnf.formats.Limits")
     parser.add_argument("--memory-bytes", type=int, help="address space that reading may add")

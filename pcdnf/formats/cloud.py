@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -229,10 +230,10 @@ def _without_nonfinite(cloud: PointCloud, finite: Array, limits: Limits) -> Poin
 
 def check_extent(points: Array) -> None:
     """Raise ``zero_extent`` or ``extent_out_of_range`` by the bounding-box diagonal of finite points."""
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(over="ignore"):
         spans = points.max(axis=0).astype(np.float64) - points.min(axis=0).astype(np.float64)
-        diagonal = float(np.sqrt(np.square(spans).sum()))
-    if not spans.any():
+    diagonal = math.hypot(*spans.tolist())
+    if diagonal == 0:
         raise FormatError(
             f"All {len(points)} points are equal, so the cloud has no surface.",
             code="zero_extent",
@@ -241,8 +242,7 @@ def check_extent(points: Array) -> None:
     smallest, largest = EXTENT_RANGE
     if not smallest <= diagonal <= largest:
         raise FormatError(
-            f"The bounding box has a diagonal of {diagonal:.3g}; "
-            f"it must lie between {smallest:g} and {largest:g}.",
+            f"The bounding box has a diagonal of {diagonal:.3g}; it must lie between {smallest:g} and {largest:g}.",
             code="extent_out_of_range",
             hint="Remove outliers, or change the unit of the coordinates.",
         )

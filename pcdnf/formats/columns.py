@@ -72,10 +72,7 @@ def _role(names: tuple[str, str, str], values: NDArray[Any], declared: dict[str,
     kinds = [np.dtype(TYPES[one]) for one in spelled]
     if any(kind.kind != "f" for kind in kinds) or np.result_type(*kinds) != values.dtype:
         spelled = [SPELLINGS[values.dtype.str[1:]]] * 3
-    return {
-        name: (name, one, values[:, axis])
-        for axis, (name, one) in enumerate(zip(names, spelled, strict=True))
-    }
+    return {name: (name, one, values[:, axis]) for axis, (name, one) in enumerate(zip(names, spelled, strict=True))}
 
 
 def _flat(member: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -153,6 +150,4 @@ def npz_members(cloud: PointCloud) -> dict[str, NDArray[Any]]:
 
 def _printable(text: str) -> str:
     """Text that UTF-32 can hold: bytes of a header that were not UTF-8 become Latin-1 letters."""
-    return "".join(
-        chr(ord(letter) - 0xDC00) if 0xDC80 <= ord(letter) <= 0xDCFF else letter for letter in text
-    )
+    return "".join(chr(ord(letter) - 0xDC00) if 0xDC80 <= ord(letter) <= 0xDCFF else letter for letter in text)

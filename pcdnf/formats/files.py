@@ -98,9 +98,7 @@ def _unreadable(why: str) -> FormatError:
     )
 
 
-def write(
-    path: str | os.PathLike[str], cloud: PointCloud, *, format: Literal["ply", "npz"] | None = None
-) -> list[str]:
+def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: Literal["ply", "npz"] | None = None) -> list[str]:
     """Write a cloud in one step: a reader sees the old file or the whole new one, also after a power loss.
 
     Parameters

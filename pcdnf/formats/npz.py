@@ -123,8 +123,7 @@ def _normals(file: BinaryIO, member: Member, shape: tuple[int, ...]) -> NDArray[
     header = read_array_header(stream, member)
     if header.shape != shape:
         raise FormatError(
-            f"Member 'normals' has the shape {shape_text(header.shape)}; "
-            f"that of the points is {shape_text(shape)}.",
+            f"Member 'normals' has the shape {shape_text(header.shape)}; that of the points is {shape_text(shape)}.",
             code="bad_shape",
             hint="Save one normal a point, in the order of the points.",
         )

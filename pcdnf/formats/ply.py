@@ -51,9 +51,7 @@ def read_ply(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
 
 
 def _read_text(file: BinaryIO, header: Header, size: int) -> Rows:
-    shortest = (
-        header.size - 1 + sum(2 * element.count * len(element.properties) for element in header.elements)
-    )
+    shortest = header.size - 1 + sum(2 * element.count * len(element.properties) for element in header.elements)
     if shortest > size:
         _truncated(header, f"at least {shortest}", shortest, size)
     body = TextBody(file)
@@ -117,8 +115,7 @@ def _read_rows(file: BinaryIO, element: Element, byte_order: str) -> Rows:
 
 def _truncated(header: Header, expected: str, limit: int, size: int) -> NoReturn:
     raise FormatError(
-        f"The header declares {header.vertex.count} vertices and a file of {expected} bytes; "
-        f"the file has {size}.",
+        f"The header declares {header.vertex.count} vertices and a file of {expected} bytes; the file has {size}.",
         code="truncated",
         hint="The file is cut off, or its header declares too much: copy or export it again.",
         limit=limit,
@@ -145,9 +142,7 @@ def _cloud(header: Header, rows: Rows) -> PointCloud:
         if any(types[name][0] != "f" for name in found[0]):
             warnings.append(f"The normals are stored as integers; the result stores them as {points.dtype}.")
     elif partial:
-        warnings.append(
-            f"Normals need three components; {', '.join(partial)} stay what they are: other properties."
-        )
+        warnings.append(f"Normals need three components; {', '.join(partial)} stay what they are: other properties.")
     taken = {"x", "y", "z", *(found[0] if found else ())}
     return PointCloud(
         points=points,
@@ -169,9 +164,7 @@ def _cloud(header: Header, rows: Rows) -> PointCloud:
     )
 
 
-def _stacked(
-    rows: Rows, names: tuple[str, str, str], types: dict[str, str], if_integer: np.dtype[Any]
-) -> NDArray[Any]:
+def _stacked(rows: Rows, names: tuple[str, str, str], types: dict[str, str], if_integer: np.dtype[Any]) -> NDArray[Any]:
     """Three columns as (N, 3), in the widest of their float types."""
     kinds = [np.dtype(types[name]) for name in names]
     dtype = np.result_type(*kinds) if all(kind.kind == "f" for kind in kinds) else if_integer

@@ -250,9 +250,7 @@ def _check_complete(header: Header) -> None:
         )
 
 
-def header_bytes(
-    encoding: str, count: int, properties: Iterable[tuple[str, str]], lines: Iterable[str]
-) -> bytes:
+def header_bytes(encoding: str, count: int, properties: Iterable[tuple[str, str]], lines: Iterable[str]) -> bytes:
     """The header of a file of vertices.
 
     Parameters

@@ -61,8 +61,7 @@ def _layout(data: bytes, position: int, element: Element, byte_order: str, row: 
         at += width
         if at > len(data):
             raise FormatError(
-                f"The file ends inside row {row} of element {shown(element.name)}, "
-                f"which declares {element.count}.",
+                f"The file ends inside row {row} of element {shown(element.name)}, which declares {element.count}.",
                 code="truncated",
                 hint="The file is cut off, or its header declares too much: copy or export it again.",
                 limit=element.count,

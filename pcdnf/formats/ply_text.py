@@ -106,9 +106,7 @@ class TextBody:
             cut = data.rfind(b"\n") + 1 if fresh else len(data)
             self._rest = data[cut:]
             if len(self._rest) > MAX_TEXT_LINE_BYTES:
-                _not_text(
-                    f"A line of the body is longer than {MAX_TEXT_LINE_BYTES} bytes", MAX_TEXT_LINE_BYTES
-                )
+                _not_text(f"A line of the body is longer than {MAX_TEXT_LINE_BYTES} bytes", MAX_TEXT_LINE_BYTES)
             if self._index(data[:cut]):
                 return True
 
