@@ -111,7 +111,7 @@ class _Blend:
         spread = 1 / rng.uniform(0.1, 0.45, (blobs, 3)) ** 2
         self.forms = np.einsum("bij,bj,bkj->bik", turns, spread, turns)
         self.vectors = rng.normal(size=(waves, 3)) * rng.uniform(3, 24, (waves, 1))
-        self.heights = rng.uniform(0.005, 0.06, waves)
+        self.heights = rng.uniform(0.05, 0.6, waves) / np.linalg.norm(self.vectors, axis=1)  # finer waves are lower
         self.phases = rng.uniform(0, 2 * np.pi, waves)
 
     def __call__(self, at: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

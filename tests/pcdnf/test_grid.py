@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pcdnf.grid import BallGrid
+
+POINTS = np.random.default_rng(0).uniform(size=(4000, 3)) * [1, 0.7, 0.05]
+IDS = np.arange(0, 4000, 37)
+
+
+def test_a_ball_holds_what_a_tree_finds() -> None:
+    found = BallGrid(POINTS, 0.1).subset(POINTS[IDS], IDS, 1500, seed=1)
+    for i, row, wanted in zip(IDS, found, cKDTree(POINTS).query_ball_point(POINTS[IDS], 0.1), strict=True):
+        assert set(row[row >= 0]) == set(wanted) - {i}
+
+
+def test_far_negative_coordinates_and_empty_balls() -> None:
+    points = np.array([[-1e3, 5.0, 2.0], [-1e3, 5.0, 2.05], [40.0, -7.0, 1.0]])
+    found = BallGrid(points, 0.1).subset(points, np.arange(3), 2, seed=0)
+    assert found.tolist() == [[1, -1], [0, -1], [-1, -1]]
+
+
+def test_subsets_depend_on_seed_and_index_alone() -> None:
+    grid = BallGrid(POINTS, 0.1)
+    whole = grid.subset(POINTS[IDS], IDS, 20, seed=1)
+    assert np.array_equal(whole[5:9], grid.subset(POINTS[IDS[5:9]], IDS[5:9], 20, seed=1))
+    assert not np.array_equal(whole, grid.subset(POINTS[IDS], IDS, 20, seed=2))
+
+
+def test_subsets_are_uniform_and_without_repeats() -> None:
+    grid = BallGrid(POINTS, 0.1)
+    ball = grid.subset(POINTS[:1], np.array([0]), 4000, seed=0)[0]
+    ball = ball[ball >= 0]
+    drawn = np.stack([grid.subset(POINTS[:1], np.array([0]), 20, seed=s)[0] for s in range(2000)])
+    assert all(len(set(row)) == 20 for row in drawn)
+    counts = np.bincount(drawn.ravel(), minlength=4000)[ball]
+    expected = 2000 * 20 / len(ball)
+    assert abs(counts - expected).max() < 6 * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("inner", [0.03, 0.08])
+def test_the_inner_ball_is_left_out(inner: float) -> None:
+    found = BallGrid(POINTS, 0.1).subset(POINTS[:1], np.array([0]), 1500, seed=0, inner=np.array([inner]))[0]
+    distance = np.linalg.norm(POINTS[found[found >= 0]] - POINTS[0], axis=1)
+    assert distance.min() > inner
+    assert distance.max() <= 0.1

@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+
+from pcdnf.normals import CHUNK, pca_normals
+
+
+def test_normals_of_a_sphere_are_radial() -> None:
+    points = np.random.default_rng(0).normal(size=(20_000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    normals = pca_normals(points)
+    assert normals.dtype == np.float32
+    angle = np.degrees(np.arccos(np.clip(np.abs((normals * points).sum(1)), 0, 1)))
+    assert angle.mean() < 1.5
+
+
+def test_agrees_with_open3d() -> None:
+    open3d = pytest.importorskip("open3d")
+    points = np.random.default_rng(1).normal(size=(3000, 3)) * [1, 1, 0.1]
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(24), fast_normal_computation=False)
+    cosine = np.abs((pca_normals(points, 24) * np.asarray(cloud.normals)).sum(1))
+    assert np.quantile(cosine, 0.001) > 0.9999
+
+
+def test_fewer_points_than_neighbours() -> None:
+    points = np.random.default_rng(2).normal(size=(10, 3)) * [1, 1, 0]
+    assert np.allclose(np.abs(pca_normals(points, 24)), [[0, 0, 1]] * 10)
+
+
+def test_check_is_called_between_chunks_and_may_stop() -> None:
+    calls = []
+
+    def check() -> None:
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pca_normals(np.random.default_rng(3).normal(size=(CHUNK + 5, 3)), check=check)
