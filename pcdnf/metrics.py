@@ -199,7 +199,8 @@ def _unit(normals: Floats, count: int) -> Floats:
             hint="Pass one normal a point.",
         )
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, np.maximum(length, np.finfo(np.float64).tiny))
+    unit: Floats = normals / np.maximum(length, np.finfo(np.float64).tiny)
+    return unit
 
 
 def _chamfer_distance(matched: _Matched, workers: int) -> float:
