@@ -1,4 +1,4 @@
-"""Numba kernels behind ``pcdnf.neighbors``: selection of neighbours, gather-max, gather-mean.
+"""Numba kernels behind ``pcdnf.neighbors``: gather-max and gather-mean, forward and backward.
 
 Every kernel works on C-contiguous arrays, writes into arrays given by the caller, and shares its outermost
 loop among ``numba.get_num_threads()`` threads. No kernel uses fast-math: ties and infinities keep their
@@ -17,61 +17,6 @@ Float = NDArray[np.float32]
 Index = NDArray[np.int32]
 
 _jit: Any = numba.njit(parallel=True, cache=True, nogil=True)
-_inline: Any = numba.njit(cache=True, nogil=True, inline="always")
-
-
-@_inline
-def _insert(key: Any, j: int, keys: Any, row: Any) -> None:
-    """Put candidate j, whose key is below the last, into the ascending list; its first slot stays."""
-    t = row.shape[0] - 1
-    while t > 1 and keys[t - 1] > key:
-        keys[t] = keys[t - 1]
-        row[t] = row[t - 1]
-        t -= 1
-    keys[t] = key
-    row[t] = j
-
-
-@_jit
-def select_features(gram: Float, queries: Index, index: Index) -> None:
-    """The k nearest points from inner products: gram (B, N, N), queries (B, Q) -> index (B, Q, k).
-
-    The rank of candidate q for point p is that of ``|q|^2 - 2 p.q``: the term ``|p|^2`` is the same for all.
-    """
-    B, Q, k = index.shape
-    N = gram.shape[1]
-    for r in numba.prange(B * Q):
-        b = r // Q
-        p = queries[b, r % Q]
-        row = index[b, r % Q]
-        keys = np.full(k, np.inf, np.float32)
-        row[:] = p
-        products = gram[b, p]
-        if k > 1:
-            for j in range(N):
-                key = gram[b, j, j] - np.float32(2.0) * products[j]
-                if key < keys[k - 1] and j != p:
-                    _insert(key, j, keys, row)
-
-
-@_jit
-def select_coordinates(points: Float, queries: Index, index: Index) -> None:
-    """The k nearest points in 3-D: points (B, N, 3), queries (B, Q) -> index (B, Q, k)."""
-    B, Q, k = index.shape
-    N = points.shape[1]
-    for r in numba.prange(B * Q):
-        b = r // Q
-        p = queries[b, r % Q]
-        row = index[b, r % Q]
-        keys = np.full(k, np.inf, np.float32)
-        row[:] = p
-        if k > 1:
-            px, py, pz = points[b, p, 0], points[b, p, 1], points[b, p, 2]
-            for j in range(N):
-                dx, dy, dz = points[b, j, 0] - px, points[b, j, 1] - py, points[b, j, 2] - pz
-                key = dx * dx + dy * dy + dz * dz
-                if key < keys[k - 1] and j != p:
-                    _insert(key, j, keys, row)
 
 
 @_jit

@@ -23,7 +23,7 @@ if not os.access(Path(__file__).parent, os.W_OK):  # a read-only install keeps i
 
 import numba
 
-from . import kernels
+from . import kernels, selection
 
 
 def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
@@ -42,7 +42,7 @@ def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
     -------
     Tensor (B, Q, k), int32
     """
-    if x.device.type != "cpu":
+    if x.device.type != "cpu" or k > selection.MOST:
         return knn_plain(x, k, queries)
     _check(x, k)
     B, N, C = x.shape
@@ -54,9 +54,9 @@ def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
         rows = queries.to(torch.int32).numpy()
         _share_threads()
         if C == 3:
-            kernels.select_coordinates(x.numpy(), rows, index.numpy())
+            selection.select_coordinates(x.numpy(), rows, index.numpy())
         else:
-            kernels.select_features(torch.bmm(x, x.transpose(1, 2)).numpy(), rows, index.numpy())
+            selection.select_features(_gram(x).numpy(), rows, index.numpy())
     return index
 
 
@@ -69,7 +69,7 @@ def knn_plain(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
             axes = [(x[:, :, None, c] - x[:, None, :, c]).square_() for c in range(3)]
             key = axes[0].add_(axes[1]).add_(axes[2])  # (B, N, N)
         else:
-            gram = torch.bmm(x, x.transpose(1, 2))
+            gram = _gram(x)
             key = gram.diagonal(dim1=1, dim2=2)[:, None] - 2 * gram
         key.diagonal(dim1=1, dim2=2).fill_(-torch.inf)
         if queries is not None:
@@ -123,6 +123,12 @@ def gather_points(values: Tensor, index: Tensor) -> Tensor:
 def _edges(values: Tensor, index: Tensor) -> Tensor:
     B, Q, k = index.shape
     return gather_points(values.float(), index.reshape(B, Q * k)).view(B, Q, k, -1)  # (B, Q, k, C)
+
+
+def _gram(x: Tensor) -> Tensor:
+    """Inner products (B, N, N) about the mean: what features have in common would cost the distances digits."""
+    x = x - x.mean(1, keepdim=True)
+    return torch.bmm(x, x.transpose(1, 2))
 
 
 def _check(x: Tensor, k: int) -> None:
