@@ -1,0 +1,273 @@
+"""The HTTP application: routes and what they need, nothing that computes. See ``docs/api.md``."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Annotated, Any
+
+import sqlalchemy as sa
+from fastapi import Depends, FastAPI, Query, Request, Response
+from fastapi.responses import JSONResponse, RedirectResponse
+from starlette.concurrency import run_in_threadpool
+
+import pcdnf
+
+from . import catalogue, database, problems, results, uploads
+from .auth import Keys, caller
+from .catalogue import Model
+from .health import Readiness, readiness
+from .inspection import Inspector
+from .jobs import FINISHED, Job, Jobs, new_id
+from .middleware import Guard
+from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, NOT_MODIFIED, RESULT_RESPONSES, errors
+from .parameters import job_parameters, only_query
+from .problems import Problem
+from .settings import Settings
+from .storage import UPLOAD, LocalStorage, Storage, job_file
+from .views import JobView, job_view, retry_after
+from .workers import Workers
+
+PAGE = 100  # most jobs of one answer
+
+
+class State:
+    """What the routes work with, kept in ``app.state``."""
+
+    settings: Settings
+    keys: Keys
+    engine: sa.Engine
+    storage: Storage
+    jobs: Jobs
+    workers: Workers
+    inspector: Inspector
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Return the application; ``uvicorn --factory service.app:create_app``.
+
+    Raises
+    ------
+    SettingsError
+        If the service would be open to the network without a key, or the file of keys cannot be read.
+    """
+    settings = settings or Settings()
+    settings.check_exposure()
+    app = FastAPI(
+        title="PCDNF point-cloud denoising",
+        version=pcdnf.__version__,
+        summary="Upload a point cloud, get it back with less noise and with normals.",
+        lifespan=_lifespan,
+        redoc_url=None,
+        responses=errors(500, 503),
+    )
+    app.state.settings = settings
+    app.state.keys = Keys.of(settings)
+    app.add_middleware(Guard, max_requests=settings.max_requests)
+    problems.install(app)
+    _probes(app)
+    _routes(app)
+    return app
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    settings: Settings = app.state.settings
+    await run_in_threadpool(database.migrate, settings)
+    engine = database.create_engine(settings)
+    storage = LocalStorage(settings.data_dir)
+    app.state.engine, app.state.storage = engine, storage
+    app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
+    app.state.workers = Workers(engine)
+    app.state.inspector = Inspector(settings)
+    try:
+        yield
+    finally:
+        app.state.jobs.close()
+        engine.dispose()
+
+
+def _state(request: Request) -> Any:
+    return request.app.state
+
+
+def _job(job_id: str, state: Annotated[State, Depends(_state)], owner: Annotated[str, Depends(caller)]) -> Job:
+    job = state.jobs.status(job_id, owner)
+    if job is None:
+        raise Problem("job_not_found", "There is no such job.", hint="Jobs are forgotten some time after they expire.")
+    if state.jobs.expired(job):
+        raise Problem("job_expired", "The job has expired and its files were removed.", hint="Submit the file again.")
+    return job
+
+
+StateIn = Annotated[State, Depends(_state)]
+CallerIn = Annotated[str, Depends(caller)]
+JobIn = Annotated[Job, Depends(_job)]
+
+
+def _probes(app: FastAPI) -> None:
+    @app.get("/", include_in_schema=False)
+    async def root() -> Response:
+        return RedirectResponse("/docs")
+
+    @app.get("/livez", tags=["probes"])
+    async def alive() -> dict[str, str]:
+        """Answer while the event loop of the API runs."""
+        return {"status": "alive"}
+
+    @app.get("/readyz", tags=["probes"])
+    def ready(state: StateIn) -> Readiness:
+        """Answer 200 once a worker has loaded and warmed its model, and database and disk are in order."""
+        return readiness(state.workers, state.engine, state.storage, state.settings)
+
+
+def _routes(app: FastAPI) -> None:
+    @app.get("/models", tags=["models"], dependencies=[Depends(caller)], responses=errors(401))
+    async def models(state: StateIn) -> list[Model]:
+        """Return the models that jobs may name."""
+        default = state.settings.default_model
+        return [model.model_copy(update={"default": name == default}) for name, model in catalogue.shipped().items()]
+
+    @app.post(
+        "/denoise",
+        tags=["jobs"],
+        status_code=202,
+        response_model=JobView,
+        responses=errors(401, 408, 413, 415, 422),
+        openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
+    )
+    async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
+        """Take a cloud and queue it; parameters stand in the query or in the form."""
+        job = await _accept(request, state, owner)
+        response = await run_in_threadpool(_shown, request, state, job, 202)
+        response.headers["Location"] = f"/jobs/{job.id}"
+        return response
+
+    @app.get(
+        "/jobs",
+        tags=["jobs"],
+        dependencies=[Depends(only_query("limit", "before"))],
+        responses=errors(401, 422),
+    )
+    def jobs(
+        state: StateIn,
+        owner: CallerIn,
+        limit: Annotated[int, Query(ge=1, le=PAGE, description="Most jobs returned")] = 20,
+        before: Annotated[str | None, Query(description="Only jobs older than this one")] = None,
+    ) -> list[JobView]:
+        """Return the caller's own jobs, newest first."""
+        last = None if before is None else state.jobs.status(before, owner)
+        if before is not None and last is None:
+            raise Problem("invalid_parameters", "before: there is no such job.")
+        return [job_view(job, state.jobs.outlook(job)) for job in state.jobs.page(owner, limit=limit, before=last)]
+
+    @app.get(
+        "/jobs/{job_id}",
+        tags=["jobs"],
+        response_model=JobView,
+        dependencies=[Depends(only_query())],
+        responses=NOT_MODIFIED | errors(401, 404, 410, 422),
+    )
+    def status(request: Request, state: StateIn, job: JobIn) -> Response:
+        """Return the state of a job."""
+        return _shown(request, state, job, 200)
+
+    @app.delete(
+        "/jobs/{job_id}",
+        tags=["jobs"],
+        response_model=JobView,
+        dependencies=[Depends(only_query())],
+        responses=DELETED | errors(401, 404, 410, 422),
+    )
+    def delete(request: Request, state: StateIn, job: JobIn) -> Response:
+        """Cancel a live job, or remove a finished one; upload and result are removed either way."""
+        if job.status in FINISHED:
+            state.jobs.remove(job)
+            return Response(status_code=204)
+        now = state.jobs.cancel(job)
+        if now is None:
+            return Response(status_code=204)
+        if now.status in ("succeeded", "failed"):  # it ended before it could be cancelled
+            state.jobs.remove(now)
+            return Response(status_code=204)
+        return _shown(request, state, now, 202 if now.live else 200)
+
+    @app.head("/jobs/{job_id}/result", include_in_schema=False, dependencies=[Depends(only_query("format"))])
+    @app.get(
+        "/jobs/{job_id}/result",
+        tags=["jobs"],
+        response_class=Response,
+        dependencies=[Depends(only_query("format"))],
+        responses=RESULT_RESPONSES | errors(401, 404, 406, 409, 410, 416, 422),
+    )
+    def result(
+        request: Request,
+        state: StateIn,
+        job: JobIn,
+        format_: Annotated[
+            str | None, Query(alias="format", pattern="^(ply|npz)$", description="In place of `Accept`")
+        ] = None,
+    ) -> Response:
+        """Return the denoised cloud, as the format that came in or as the one asked for."""
+        if job.status == "succeeded":
+            return results.respond(request, job, state.storage, format_)
+        raise _no_result(state, job)
+
+
+def _no_result(state: State, job: Job) -> Problem:
+    if job.live and job.status != "cancelling":
+        wait = {"Retry-After": retry_after(state.jobs.outlook(job))}
+        return Problem("job_not_finished", f"The job is {job.status}.", hint="Ask again later.", headers=wait)
+    if job.status == "failed":
+        cause = job.problem or {}
+        detail = f"The job failed and has no result. {cause.get('detail', '')}"
+        return Problem("job_failed", detail.strip(), hint=cause.get("hint"), cause=cause.get("code"))
+    return Problem("job_cancelled", "The job was cancelled and has no result.", hint="Submit the file again.")
+
+
+def _shown(request: Request, state: State, job: Job, status: int) -> Response:
+    outlook = state.jobs.outlook(job)
+    response = JSONResponse(job_view(job, outlook).model_dump(mode="json"), status_code=status)
+    if job.live:
+        response.headers["Retry-After"] = retry_after(outlook)
+    if status == 200 and request.method == "GET":
+        etag = f'"{hashlib.sha256(response.body).hexdigest()[:32]}"'
+        if etag in [tag.strip() for tag in request.headers.get("if-none-match", "").split(",")]:
+            kept = {name: response.headers[name] for name in ("retry-after",) if name in response.headers}
+            return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "private, no-cache"} | kept)
+        response.headers["ETag"] = etag
+    response.headers["Cache-Control"] = "private, no-cache"
+    return response
+
+
+async def _accept(request: Request, state: State, owner: str) -> Job:
+    """Stream the upload to disk, have it checked, and queue it."""
+    settings = state.settings
+    query = request.query_params.multi_items()
+    job_parameters(query, settings)  # before the body is read
+    if state.storage.free_bytes() < settings.min_free_bytes:
+        raise Problem("disk_full", "There is not enough disk space for an upload.", headers={"Retry-After": "60"})
+    path = state.storage.scratch()
+    upload = await uploads.receive(request, path, settings)
+    try:
+        parameters = job_parameters([*query, *upload.fields], settings)
+        found = await state.inspector.inspect(path, parameters)
+        job_id = new_id()
+        await run_in_threadpool(state.storage.put, path, job_file(job_id, UPLOAD))
+    finally:
+        path.unlink(missing_ok=True)
+    return await run_in_threadpool(
+        state.jobs.submit,
+        job_id,
+        owner=owner,
+        parameters=parameters.model_dump(),
+        upload={
+            "name": upload.name,
+            "format": found.format,
+            "bytes": upload.size,
+            "points": found.points,
+            "has_normals": found.has_normals,
+        },
+        warnings=found.warnings,
+    )

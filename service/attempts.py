@@ -1,0 +1,106 @@
+"""The worker's side of the table of jobs: taking a job up, reporting progress, ending it.
+
+A worker that dies leaves its job ``open``; the next attempt counts that as a loss, and a finished tile sets the count
+back to zero. So a job that kills its worker at one place fails, while one that merely lived through two power cuts
+goes on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sqlalchemy as sa
+
+from .database import jobs as table
+from .database import now_ms
+from .jobs import Job, as_job
+
+MAX_LOSSES = 2
+
+
+class Attempts:
+    """Changes a worker makes to jobs.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    ttl : float
+        Seconds that a finished job is kept.
+    """
+
+    def __init__(self, engine: sa.Engine, ttl: float) -> None:
+        self._engine = engine
+        self._ttl_ms = int(ttl * 1000)
+
+    def open(self, job_id: str) -> Job | None:
+        """Take a job up, counting a loss if it was left open; None if it is not live any more."""
+        query = (
+            table.update()
+            .where(table.c.id == job_id, table.c.status.in_(("queued", "running", "cancelling")))
+            .values(
+                status=sa.case((table.c.status == "queued", "running"), else_=table.c.status),
+                started_at=sa.func.coalesce(table.c.started_at, now_ms()),
+                losses=table.c.losses + sa.case((table.c.open, 1), else_=0),
+                open=True,
+            )
+            .returning(table)
+        )
+        with self._engine.begin() as connection:
+            row = connection.execute(query).mappings().one_or_none()
+        return None if row is None else as_job(row)
+
+    def get(self, job_id: str) -> Job | None:
+        """Return the job as it is now."""
+        with self._engine.connect() as connection:
+            row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one_or_none()
+        return None if row is None else as_job(row)
+
+    def update(self, job_id: str, **values: Any) -> None:
+        """Set columns of a job that is being worked on."""
+        with self._engine.begin() as connection:
+            connection.execute(table.update().where(table.c.id == job_id).values(**values))
+
+    def wanted(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
+        """Report progress and return whether the job is still wanted; False once it was cancelled."""
+        query = (
+            table.update()
+            .where(table.c.id == job_id, table.c.status.in_(("running", "cancelling")))
+            .values(done=done, points_per_second=points_per_second)
+            .returning(table.c.status)
+        )
+        with self._engine.begin() as connection:
+            return connection.execute(query).scalar_one_or_none() == "running"
+
+    def park(self, job_id: str) -> None:
+        """Let go of a job between two tiles, without a loss, because this worker stops."""
+        self.update(job_id, open=False)
+
+    def succeed(self, job_id: str, results: dict[str, Any], warnings: list[str]) -> bool:
+        """End a job well; False if it was cancelled before that."""
+        return self._end(
+            job_id, ("running",), status="succeeded", results=results, warnings=warnings, done=table.c.total
+        )
+
+    def cancel(self, job_id: str) -> bool:
+        """End a job that a caller does not want any more; False if nobody asked for that."""
+        return self._end(job_id, ("cancelling",), status="cancelled")
+
+    def fail(self, job_id: str, problem: dict[str, Any]) -> bool:
+        """End a job badly; False if it had ended, or was cancelled before that."""
+        return self._end(job_id, ("queued", "running"), status="failed", problem=problem)
+
+    def live(self) -> list[str]:
+        """Return the jobs that some worker is expected to be working on."""
+        query = sa.select(table.c.id).where(table.c.status.in_(("running", "cancelling")))
+        with self._engine.connect() as connection:
+            return list(connection.execute(query).scalars())
+
+    def _end(self, job_id: str, before: tuple[str, ...], **values: Any) -> bool:
+        now = now_ms()
+        query = (
+            table.update()
+            .where(table.c.id == job_id, table.c.status.in_(before))
+            .values(open=False, finished_at=now, expires_at=now + self._ttl_ms, **values)
+        )
+        with self._engine.begin() as connection:
+            return connection.execute(query).rowcount == 1

@@ -1,0 +1,136 @@
+"""The job database: SQLite by default, PostgreSQL by URL; our two tables beside those of DBOS.
+
+Both kinds of table sit in one database, so that a job and its place in the queue are accepted in one transaction.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from dbos import DBOS
+from sqlalchemy.ext.compiler import compiles
+
+from .settings import Settings
+
+SQLITE_BUSY_MS = 30_000
+
+metadata = sa.MetaData()
+
+jobs = sa.Table(
+    "pcdnf_jobs",
+    metadata,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("owner", sa.String(64), nullable=False),
+    sa.Column("status", sa.String(16), nullable=False),
+    # What was asked for, what was uploaded, on what it runs, what came out; all JSON objects.
+    sa.Column("parameters", sa.JSON, nullable=False),
+    sa.Column("upload", sa.JSON, nullable=False),
+    sa.Column("execution", sa.JSON),
+    sa.Column("results", sa.JSON),
+    sa.Column("warnings", sa.JSON, nullable=False),
+    sa.Column("problem", sa.JSON),
+    # Progress in points times iterations.
+    sa.Column("done", sa.BigInteger, nullable=False),
+    sa.Column("total", sa.BigInteger, nullable=False),
+    sa.Column("points_per_second", sa.Float),
+    # Milliseconds since 1970, by the clock of the database.
+    sa.Column("created_at", sa.BigInteger, nullable=False, index=True),
+    sa.Column("started_at", sa.BigInteger),
+    sa.Column("finished_at", sa.BigInteger),
+    sa.Column("expires_at", sa.BigInteger, index=True),
+    sa.Column("purged_at", sa.BigInteger),
+    # Whether a worker has it open, and how often one died on it since its last tile.
+    sa.Column("open", sa.Boolean, nullable=False),
+    sa.Column("losses", sa.Integer, nullable=False),
+    sa.Index("pcdnf_jobs_status_created", "status", "created_at"),
+)
+
+workers = sa.Table(
+    "pcdnf_workers",
+    metadata,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("pid", sa.Integer, nullable=False),
+    sa.Column("state", sa.String(16), nullable=False),
+    sa.Column("job", sa.String(64)),
+    # Device, precision, model, version: what /readyz shows.
+    sa.Column("details", sa.JSON, nullable=False),
+    sa.Column("points_per_second", sa.Float),
+    sa.Column("beat_at", sa.BigInteger, nullable=False),
+)
+
+
+class now_ms(sa.sql.functions.GenericFunction[int]):
+    """Milliseconds since 1970 by the clock of the database, which all processes share."""
+
+    type = sa.BigInteger()
+    name = "now_ms"
+    inherit_cache = True
+
+
+@compiles(now_ms, "sqlite")
+def _now_ms_sqlite(_element: now_ms, _compiler: Any, **_options: Any) -> str:
+    return "CAST(ROUND((julianday('now') - 2440587.5) * 86400000) AS INTEGER)"
+
+
+@compiles(now_ms, "postgresql")
+def _now_ms_postgresql(_element: now_ms, _compiler: Any, **_options: Any) -> str:
+    return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)"
+
+
+def create_engine(settings: Settings) -> sa.Engine:
+    """Return the engine of the job database; nothing is created yet."""
+    url = settings.resolved_database_url
+    if not url.startswith("sqlite"):
+        return sa.create_engine(url, pool_size=10, max_overflow=0, pool_pre_ping=True)
+    # One writer at a time, and it waits: BEGIN IMMEDIATE takes the lock before the first write, not in its middle.
+    engine = sa.create_engine(url, pool_size=10, max_overflow=0, connect_args={"timeout": SQLITE_BUSY_MS / 1000})
+
+    @sa.event.listens_for(engine, "connect")
+    def prepare(connection: sqlite3.Connection, _record: object) -> None:
+        connection.isolation_level = "IMMEDIATE"
+        connection.execute(f"PRAGMA busy_timeout={SQLITE_BUSY_MS}")
+        connection.execute("PRAGMA foreign_keys=ON")
+        connection.execute("PRAGMA synchronous=FULL")  # an accepted job survives a power loss
+
+    return engine
+
+
+def migrate(settings: Settings) -> None:
+    """Create or upgrade the tables; safe to call from several processes at once.
+
+    Raises
+    ------
+    sqlalchemy.exc.SQLAlchemyError
+        If the database cannot be reached.
+    """
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    url = settings.resolved_database_url
+    with _exclusive(settings.data_dir / "migrate.lock"):
+        if url.startswith("sqlite"):
+            database = sa.make_url(url).database
+            assert database is not None
+            with sqlite3.connect(database) as connection:
+                connection.execute("PRAGMA journal_mode=WAL")
+            connection.close()
+        DBOS.migrate(url)
+        engine = create_engine(settings)
+        try:
+            with engine.begin() as connection_:
+                if engine.dialect.name == "postgresql":
+                    connection_.execute(sa.text("SELECT pg_advisory_xact_lock(7262733)"))
+                metadata.create_all(connection_)
+        finally:
+            engine.dispose()
+
+
+@contextmanager
+def _exclusive(path: Path) -> Iterator[None]:
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

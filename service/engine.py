@@ -1,0 +1,13 @@
+"""What the API's client and the worker of the job engine have to agree on."""
+
+from __future__ import annotations
+
+from dbos import DBOSPortableJSONSerializer
+
+APPLICATION_NAME = "pcdnf"
+# Fixed by hand: the queued and half-done jobs of an older release are taken up by the next one. Raise it only when
+# the steps of the workflow or the files between them change meaning.
+APPLICATION_VERSION = "1"
+QUEUE = "denoise"
+WORKFLOW = "denoise"
+SERIALIZER = DBOSPortableJSONSerializer()  # the engine's default is pickle

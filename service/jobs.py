@@ -1,0 +1,237 @@
+"""Jobs as the API sees them: submit, status, cancel, list, remove, purge. The engine behind it is DBOS.
+
+What a caller is told is our own table; the engine's state is an implementation detail. Every change of status is one
+conditional UPDATE, so that the API and a worker that act at the same moment cannot both win.
+"""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, fields
+from typing import Any
+
+import sqlalchemy as sa
+from dbos import DBOSClient, EnqueueOptions
+
+from .database import jobs as table
+from .database import now_ms, workers
+from .engine import APPLICATION_NAME, APPLICATION_VERSION, QUEUE, SERIALIZER, WORKFLOW
+from .settings import Settings
+from .storage import Storage
+
+LIVE = ("queued", "running", "cancelling")
+FINISHED = ("succeeded", "failed", "cancelled")
+EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
+ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted
+
+
+@dataclass(frozen=True)
+class Job:
+    """One row of the table of jobs; times in milliseconds since 1970, progress in points times iterations."""
+
+    id: str
+    owner: str
+    status: str
+    parameters: dict[str, Any]
+    upload: dict[str, Any]
+    execution: dict[str, Any] | None
+    results: dict[str, Any] | None
+    warnings: list[str]
+    problem: dict[str, Any] | None
+    done: int
+    total: int
+    points_per_second: float | None
+    created_at: int
+    started_at: int | None
+    finished_at: int | None
+    expires_at: int | None
+    purged_at: int | None
+    open: bool
+    losses: int
+
+    @property
+    def live(self) -> bool:
+        """Whether it may still change."""
+        return self.status in LIVE
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What is known about the time a live job still takes."""
+
+    queue_position: int | None
+    seconds_left: float | None
+
+
+def new_id() -> str:
+    """Return the id of a new job: 128 random bits in hex."""
+    return secrets.token_hex(16)
+
+
+def as_job(row: sa.RowMapping) -> Job:
+    """Return the row as a :class:`Job`."""
+    return Job(**{field.name: row[field.name] for field in fields(Job)})
+
+
+class Jobs:
+    """The queue and its table, from a process that runs no work itself.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Of the job database, already migrated.
+    storage : Storage
+        Where the files of jobs lie.
+    settings : Settings
+        For the time that a finished job is kept.
+    """
+
+    def __init__(self, engine: sa.Engine, storage: Storage, settings: Settings) -> None:
+        self._engine = engine
+        self._storage = storage
+        self._ttl_ms = int(settings.job_ttl * 1000)
+        self._client = DBOSClient(
+            system_database_engine=engine,
+            application_name=APPLICATION_NAME,
+            serializer=SERIALIZER,
+            retry_connection_errors=False,
+        )
+
+    def close(self) -> None:
+        """Let go of the engine's client."""
+        self._client.destroy()
+
+    def submit(
+        self,
+        job_id: str,
+        *,
+        owner: str,
+        parameters: dict[str, Any],
+        upload: dict[str, Any],
+        warnings: list[str],
+    ) -> Job:
+        """Accept a job whose upload lies durably in storage; our row and the queue's in one transaction."""
+        values = {
+            "id": job_id,
+            "owner": owner,
+            "status": "queued",
+            "parameters": parameters,
+            "upload": upload,
+            "warnings": warnings,
+            "done": 0,
+            "total": upload["points"] * parameters["iterations"],
+            "created_at": now_ms(),
+            "open": False,
+            "losses": 0,
+        }
+        options: EnqueueOptions = {
+            "workflow_name": WORKFLOW,
+            "queue_name": QUEUE,
+            "workflow_id": job_id,
+            "app_version": APPLICATION_VERSION,
+        }
+        with self._engine.begin() as connection:
+            connection.execute(table.insert().values(values))
+            self._client.enqueue_in_transaction(connection, options, job_id)
+            row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one()
+        return as_job(row)
+
+    def status(self, job_id: str, owner: str) -> Job | None:
+        """Return the job, or None where there is none or it is somebody else's."""
+        query = sa.select(table).where(table.c.id == job_id, table.c.owner == owner)
+        with self._engine.connect() as connection:
+            row = connection.execute(query).mappings().one_or_none()
+        return None if row is None else as_job(row)
+
+    def expired(self, job: Job) -> bool:
+        """Return whether the files of `job` are gone, or about to go."""
+        if job.expires_at is None:
+            return False
+        with self._engine.connect() as connection:
+            now: int = connection.execute(sa.select(now_ms())).scalar_one()
+        return job.expires_at <= now
+
+    def page(self, owner: str, *, limit: int, before: Job | None = None) -> list[Job]:
+        """Return the jobs of `owner`, newest first, those older than `before` where it is given."""
+        query = sa.select(table).where(table.c.owner == owner, table.c.purged_at.is_(None))
+        if before is not None:
+            query = query.where(sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(before.created_at, before.id))
+        query = query.order_by(table.c.created_at.desc(), table.c.id.desc()).limit(limit)
+        with self._engine.connect() as connection:
+            return [as_job(row) for row in connection.execute(query).mappings()]
+
+    def outlook(self, job: Job) -> Outlook:
+        """Return place in the queue and estimated time, from the speed the workers measured."""
+        if not job.live:
+            return Outlook(None, None)
+        remaining = table.c.total - table.c.done
+        ahead = sa.or_(
+            table.c.status.in_(("running", "cancelling")),
+            sa.and_(
+                table.c.status == "queued",
+                sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(job.created_at, job.id),
+            ),
+        )
+        with self._engine.connect() as connection:
+            speed = connection.execute(sa.select(sa.func.sum(workers.c.points_per_second))).scalar()
+            if job.status != "queued":
+                speed = job.points_per_second or speed
+                return Outlook(None, (job.total - job.done) / speed if speed else None)
+            queued = sa.func.coalesce(sa.func.sum(sa.case((table.c.status == "queued", 1), else_=0)), 0)
+            points = sa.func.coalesce(sa.func.sum(remaining), 0)
+            position, before = connection.execute(sa.select(queued, points).where(ahead)).one()
+        return Outlook(int(position) + 1, (float(before) + job.total) / speed if speed else None)
+
+    def cancel(self, job: Job) -> Job | None:
+        """Cancel a live job: at once where it is queued, else as soon as its worker notices.
+
+        Returns the job as it is now, or None if it went in the meantime.
+        """
+        now = now_ms()
+        queued = (
+            table.update()
+            .where(table.c.id == job.id, table.c.status == "queued")
+            .values(status="cancelled", finished_at=now, expires_at=now + self._ttl_ms)
+        )
+        running = table.update().where(table.c.id == job.id, table.c.status == "running").values(status="cancelling")
+        with self._engine.begin() as connection:
+            gone = connection.execute(queued).rowcount == 1
+            if not gone:
+                connection.execute(running)
+        if gone:
+            # A worker that has just taken it off the queue finds it cancelled and lets it go.
+            self._client.cancel_workflow(job.id)
+            self._storage.delete_job(job.id)
+        return self.status(job.id, job.owner)
+
+    def remove(self, job: Job) -> bool:
+        """Remove a finished job, its files and its row; False if it is live."""
+        with self._engine.begin() as connection:
+            query = table.delete().where(table.c.id == job.id, table.c.status.in_(FINISHED))
+            removed = connection.execute(query).rowcount == 1
+        if removed:
+            self._storage.delete_job(job.id)
+            self._client.delete_workflow(job.id)
+        return removed
+
+    def purge(self) -> int:
+        """Remove the files of expired jobs, then old rows and files nobody owns; return the jobs expired now."""
+        now = now_ms()
+        due = sa.select(table.c.id).where(table.c.expires_at <= now, table.c.purged_at.is_(None))
+        old = table.c.purged_at < now - EXPIRED_ROWS_KEPT_MS
+        with self._engine.connect() as connection:
+            expired = list(connection.execute(due).scalars())
+        for job_id in expired:
+            self._storage.delete_job(job_id)
+            self._client.delete_workflow(job_id)
+            with self._engine.begin() as connection:
+                connection.execute(table.update().where(table.c.id == job_id).values(purged_at=now))
+        with self._engine.begin() as connection:
+            connection.execute(table.delete().where(old))
+        orphans = list(self._storage.job_ids(ORPHAN_SECONDS))
+        with self._engine.connect() as connection:
+            for job_id in orphans:
+                if connection.execute(sa.select(table.c.id).where(table.c.id == job_id)).scalar() is None:
+                    self._storage.delete_job(job_id)
+        self._storage.clear_scratch(24 * ORPHAN_SECONDS)
+        return len(expired)

@@ -1,0 +1,58 @@
+"""What FastAPI cannot find out by itself for the OpenAPI document."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from typing import Any
+
+from .parameters import Parameters
+from .problems import MEDIA_TYPE, ProblemDetail
+from .views import JobView
+
+Responses = dict[int | str, dict[str, Any]]
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+
+
+def errors(*statuses: int) -> Responses:
+    """Return the OpenAPI responses of these statuses, all of one shape."""
+    schema = ProblemDetail.model_json_schema()
+    return {
+        status: {"description": HTTPStatus(status).phrase, "content": {MEDIA_TYPE: {"schema": schema}}}
+        for status in statuses
+    }
+
+
+def _fields() -> dict[str, Any]:
+    properties: dict[str, Any] = Parameters.model_json_schema()["properties"]
+    return properties
+
+
+DENOISE_PARAMETERS = [
+    {"name": name, "in": "query", "required": False, "description": schema["description"], "schema": schema}
+    for name, schema in _fields().items()
+]
+DENOISE_BODY = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["file"],
+                "properties": {"file": {"type": "string", "format": "binary"}} | _fields(),
+            }
+        },
+        "application/ply": _BINARY,
+        "application/x-npz": _BINARY,
+        "application/octet-stream": _BINARY,
+    },
+}
+NOT_MODIFIED: Responses = {304: {"description": "Not changed since the ETag in If-None-Match"}}
+RESULT_RESPONSES: Responses = NOT_MODIFIED | {
+    200: {"description": "The cloud", "content": {"application/ply": _BINARY, "application/x-npz": _BINARY}},
+    206: {"description": "One range of it"},
+}
+DELETED: Responses = {
+    202: {"model": JobView, "description": "The worker was asked to stop"},
+    204: {"description": "The finished job was removed"},
+}

@@ -1,0 +1,235 @@
+"""The durable workflow of one job: plan, tiles, merge for every iteration, then the result's files.
+
+Each step is checkpointed by the engine: it leaves a file in storage and returns plain JSON, so that after a crash the
+workflow runs again from the top, every finished step answers from its checkpoint, and work goes on at the first tile
+that is missing. What the caller is to be told is returned as ``{"problem": ...}``, never raised.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+from dbos import DBOS
+from dbos import error as dbos_error
+
+from pcdnf.denoiser import Stopped
+from pcdnf.errors import PcdnfError
+from pcdnf.formats import write
+
+from .attempts import MAX_LOSSES
+from .engine import WORKFLOW
+from .jobs import Job
+from .models import denoise_tile
+from .problems import CATALOGUE, Problem
+from .runtime import Runtime
+from .storage import UPLOAD, job_file
+from .work import (
+    Progress,
+    load_arrays,
+    merged_name,
+    prepared,
+    read_upload,
+    result_name,
+    sha256,
+    store_arrays,
+    tile_name,
+)
+
+log = logging.getLogger(__name__)
+
+FORMATS: tuple[Literal["ply", "npz"], ...] = ("ply", "npz")
+MAX_DISPATCHES = 1000  # a backstop of the engine; our own count of losses ends a bad job long before
+Outcome = dict[str, Any]
+
+_runtime: Runtime | None = None
+
+
+def install(runtime: Runtime) -> None:
+    """Give the workflow what it works with; once, before the engine is launched."""
+    global _runtime
+    _runtime = runtime
+
+
+def _shared() -> Runtime:
+    assert _runtime is not None
+    return _runtime
+
+
+class Ended(Exception):
+    """The job ends here: cancelled, or with a problem."""
+
+    def __init__(self, problem: dict[str, Any] | None = None) -> None:
+        super().__init__()
+        self.problem = problem
+
+
+@DBOS.workflow(name=WORKFLOW, max_recovery_attempts=MAX_DISPATCHES)
+def denoise(job_id: str) -> str:
+    """Run a job to its end and return its last status."""
+    with _shared().working_on(job_id):
+        job = _shared().attempts.open(job_id)
+        if job is None:
+            return "gone"
+        try:
+            return _run(job)
+        except Ended as end:
+            return _end(job, end.problem)
+        except dbos_error.DBOSMaxStepRetriesExceeded as error:
+            log.exception("job %s failed", job_id)
+            full = any(isinstance(cause, OSError) and cause.errno == errno.ENOSPC for cause in error.errors)
+            return _end(job, problem_of("disk_full" if full else "internal_error"))
+        except dbos_error.DBOSException:
+            raise  # the engine's own affair, such as another worker having taken this job over
+        except Exception:
+            log.exception("job %s failed", job_id)
+            return _end(job, problem_of("internal_error"))
+
+
+def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
+    """Return the problem a failed job shows."""
+    told = {
+        "disk_full": ("The service ran out of disk space.", "Try again later."),
+        "internal_error": ("The service met an error of its own.", "The log of the worker says more."),
+    }
+    known_detail, known_hint = told.get(code, (code, None))
+    status = None if code in CATALOGUE else 422
+    return Problem(code, detail or known_detail, hint=hint or known_hint, status=status).body()
+
+
+def _run(job: Job) -> str:
+    shared = _shared()
+    if job.status == "cancelling":
+        raise Ended
+    if job.losses >= MAX_LOSSES:
+        detail = f"The worker process died {job.losses} times at the same place of this job, which was then given up."
+        raise Ended(problem_of("worker_lost", detail, "Send a smaller cloud; if that works, please report this one."))
+    for iteration in range(job.parameters["iterations"]):
+        tiles = _checked(plan(job.id, iteration))["tiles"]
+        for start, stop in tiles:
+            shared.pause_if_stopping(job.id)
+            _checked(denoise_one(job.id, iteration, start, stop))
+        shared.pause_if_stopping(job.id)
+        _checked(merge(job.id, iteration, tiles))
+    results = _checked(finish(job.id))
+    if not shared.attempts.succeed(job.id, results["results"], results["warnings"]):
+        raise Ended
+    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, *map(result_name, FORMATS)}))
+    log.info("job %s succeeded", job.id)
+    return "succeeded"
+
+
+def _end(job: Job, problem: dict[str, Any] | None) -> str:
+    attempts = _shared().attempts
+    if problem is not None and attempts.fail(job.id, problem | {"instance": f"/jobs/{job.id}"}):
+        status = "failed"
+    elif attempts.cancel(job.id):
+        status = "cancelled"
+    else:
+        return "gone"  # another worker ended it
+    _shared().storage.delete_job(job.id)
+    log.info("job %s %s%s", job.id, status, f": {problem['code']}" if problem else "")
+    return status
+
+
+def _checked(outcome: Outcome) -> Outcome:
+    if "stopped" in outcome or "problem" in outcome:
+        raise Ended(outcome.get("problem"))
+    return outcome
+
+
+def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
+    """Make `function(runtime, job, ...)` a checkpointed step that is called with the job's id."""
+
+    @functools.wraps(function)
+    def told(job_id: str, *arguments: Any) -> Outcome:
+        job = _shared().attempts.get(job_id)
+        if job is None:
+            return {"stopped": True}
+        try:
+            return function(_shared(), job, *arguments)
+        except Stopped:
+            return {"stopped": True}
+        except PcdnfError as error:
+            return {"problem": problem_of(error.code, str(error), error.hint)}
+        except MemoryError:
+            detail = "The worker has not enough memory for this cloud."
+            return {"problem": problem_of("out_of_memory", detail, "Send the cloud in parts.")}
+
+    return DBOS.step(name=function.__name__, retries_allowed=True, max_attempts=3)(told)
+
+
+@_step
+def plan(runtime: Runtime, job: Job, iteration: int) -> Outcome:
+    """Prepare the cloud of an iteration and cut it into tiles."""
+    cloud = prepared(runtime, job, iteration).cloud
+    return {"tiles": [list(tile) for tile in cloud.tiles(runtime.settings.tile_points)]}
+
+
+@_step
+def denoise_one(runtime: Runtime, job: Job, iteration: int, start: int, stop: int) -> Outcome:
+    """Denoise one tile and store it."""
+    work = prepared(runtime, job, iteration)
+    base = iteration * len(work.cloud)
+    progress = Progress(runtime, job.id, base + start)
+    began = time.monotonic()
+    tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
+    runtime.measured(stop - start, time.monotonic() - began)
+    name = tile_name(iteration, start)
+    store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
+    runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.points_per_second)
+    log.info("job %s iteration %d tile %d-%d done", job.id, iteration, start, stop)
+    return {"file": name}
+
+
+@_step
+def merge(runtime: Runtime, job: Job, iteration: int, tiles: list[list[int]]) -> Outcome:
+    """Put the tiles of an iteration back into the order of the input."""
+    cloud = prepared(runtime, job, iteration).cloud
+    points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
+    flagged = np.zeros(len(cloud), bool)
+    if iteration:
+        flagged |= load_arrays(runtime, job.id, merged_name(iteration - 1))["flagged"]
+    for start, stop in tiles:
+        rows = cloud.order[start:stop]
+        tile = load_arrays(runtime, job.id, tile_name(iteration, start))
+        points[rows], normals[rows] = tile["points"], tile["normals"]
+        flagged[rows] |= tile["flagged"]
+    name = merged_name(iteration)
+    store_arrays(runtime, job.id, name, points=points, normals=normals, flagged=flagged)
+    return {"file": name}
+
+
+@_step
+def finish(runtime: Runtime, job: Job) -> Outcome:
+    """Write the result in both formats, with what is needed to repeat the run in its metadata."""
+    parameters = job.parameters
+    merged = load_arrays(runtime, job.id, merged_name(parameters["iterations"] - 1))
+    given = read_upload(runtime, job)
+    denoiser = runtime.models.get(parameters["model"])
+    metadata = denoiser.metadata(seed=parameters["seed"], iterations=parameters["iterations"])
+    cloud = given.replaced(merged["points"], merged["normals"], metadata=metadata)
+    warnings = list(given.warnings)
+    results = {}
+    for name in FORMATS:
+        scratch = runtime.storage.scratch()
+        try:
+            notes = write(scratch, cloud, format=name)
+        except PcdnfError as error:
+            if name == given.flavour.format:
+                raise
+            # The other format cannot hold everything this file carries.
+            warnings.append(f"There is no {name.upper()} result. {error}")
+            continue
+        warnings += notes
+        results[name] = {"size": scratch.stat().st_size, "sha256": sha256(scratch)}
+        runtime.storage.put(scratch, job_file(job.id, result_name(name)))
+    lost = int(merged["flagged"].sum())
+    if lost:
+        warnings.append(f"{lost} points had too few neighbours and are returned as they came.")
+    return {"results": results, "warnings": warnings}

@@ -1,0 +1,110 @@
+"""A result over HTTP: which format, which part of it, under which name and digest (RFC 9110, RFC 9530)."""
+
+from __future__ import annotations
+
+import base64
+import re
+
+from fastapi import Request, Response
+from fastapi.responses import FileResponse
+
+from .jobs import Job
+from .problems import Problem
+from .storage import Storage, job_file
+
+MEDIA_TYPES = {"ply": "application/ply", "npz": "application/x-npz"}
+_RANGE = re.compile(r"^bytes=(\d*)-(\d*)$", re.ASCII)
+
+
+def respond(request: Request, job: Job, storage: Storage, format_: str | None) -> Response:
+    """Return the response with the result of `job`, which has succeeded.
+
+    Raises
+    ------
+    Problem
+        406 where the format asked for is not there, 416 for a range outside the file.
+    """
+    results = job.results or {}
+    name = format_ or _accepted(request.headers.get("accept", "*/*"), job.upload["format"])
+    if name is None or name not in results:
+        raise Problem(
+            "not_acceptable",
+            "The result is not there in a format that was asked for.",
+            hint=f"It is there as {' and '.join(MEDIA_TYPES[key] for key in results)}.",
+        )
+    digest = base64.b64encode(bytes.fromhex(results[name]["sha256"])).decode()
+    etag = f'"{results[name]["sha256"][:32]}"'
+    headers = {
+        "ETag": etag,
+        "Repr-Digest": f"sha-256=:{digest}:",
+        "Vary": "Accept",
+        "Cache-Control": "private, no-cache",
+    }
+    if _matches(request.headers.get("if-none-match"), etag):
+        return Response(status_code=304, headers=headers)
+    if not _one_range(request, results[name]["size"], etag):
+        headers["Content-Digest"] = headers["Repr-Digest"]
+    return FileResponse(
+        storage.local(job_file(job.id, f"result.{name}")),
+        headers=headers,
+        media_type=MEDIA_TYPES[name],
+        filename=f"{job.upload['name']}_denoised.{name}",
+    )
+
+
+def _accepted(accept: str, own: str) -> str | None:
+    """Return the format with the highest weight in `accept`; the job's own format where it is free to choose."""
+    weights = {own: 0.0} | dict.fromkeys(MEDIA_TYPES, 0.0)
+    specificity = dict.fromkeys(weights, -1)
+    for item in accept.split(","):
+        kind, *options = (part.strip().lower() for part in item.split(";"))
+        for name in weights:
+            rank = {"*/*": 0, "application/*": 1, MEDIA_TYPES[name]: 2}.get(kind, -1)
+            if kind == "application/octet-stream" and name == own:
+                rank = 2
+            if rank > specificity[name]:
+                specificity[name], weights[name] = rank, _weight(options)
+    best = max(weights, key=lambda name: weights[name])  # the first of equals, the job's own
+    return best if weights[best] > 0 else None
+
+
+def _weight(options: list[str]) -> float:
+    for option in options:
+        if option.startswith("q="):
+            try:
+                return min(1.0, max(0.0, float(option[2:])))
+            except ValueError:
+                return 0.0
+    return 1.0
+
+
+def _matches(header: str | None, etag: str) -> bool:
+    if header is None:
+        return False
+    tags = [tag.strip().removeprefix("W/") for tag in header.split(",")]
+    return "*" in tags or etag in tags
+
+
+def _one_range(request: Request, size: int, etag: str) -> bool:
+    """Return whether one range is to be sent; a header that is to be ignored is taken out of the request.
+
+    Several ranges, another unit and a stale If-Range are answered with the whole file, which RFC 9110 allows.
+    """
+    match = _RANGE.match(request.headers.get("range", "").replace(" ", ""))
+    usable = match is not None and (match[1] or match[2]) and request.headers.get("if-range", etag) == etag
+    if match is not None and usable:
+        first = int(match[1]) if match[1] else max(0, size - int(match[2]))
+        last = min(int(match[2]), size - 1) if match[1] and match[2] else size - 1
+        if first > last and match[1] and match[2] and int(match[2]) < first:
+            usable = False  # not a valid range, so no range
+        elif first >= size:
+            raise Problem(
+                "range_not_satisfiable",
+                f"The result has {size} bytes; the range begins behind them.",
+                headers={"Content-Range": f"bytes */{size}"},
+                limit=size,
+                actual=first,
+            )
+    if not usable:
+        request.scope["headers"] = [item for item in request.scope["headers"] if item[0].lower() != b"range"]
+    return bool(usable)

@@ -1,0 +1,267 @@
+"""The body of an upload: streamed to a file, counted as it arrives, against a deadline and a minimum rate."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fastapi import Request
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+
+from .problems import Problem
+from .settings import MIB, Settings
+
+RAW_TYPES = ("application/ply", "application/x-npz", "application/octet-stream")
+RATE_GRACE_SECONDS = 10.0
+WRITE_BYTES = MIB  # written to disk at a time, off the event loop
+MULTIPART_OVERHEAD = 64 * 1024  # what headers, boundaries and fields may add to the file
+MAX_FIELDS = 16
+MAX_FIELD_BYTES = 1024
+MAX_NAME = 100
+FALLBACK_NAME = "cloud"
+
+
+@dataclass
+class Upload:
+    """What arrived."""
+
+    path: Path
+    name: str  # the cleaned stem of the caller's file name; never used as a path
+    size: int = 0
+    fields: list[tuple[str, str]] = field(default_factory=list)
+
+
+def clean_name(name: str | None) -> str:
+    """Return the stem of a caller's file name, reduced to what is safe in a header and on any disk."""
+    stem = re.split(r"[/\\]", name or "")[-1]
+    stem = re.sub(r"\.(ply|npz)$", "", stem, flags=re.IGNORECASE)
+    stem = re.sub(r"[^\w .()+-]", "_", stem).strip(" ._")
+    return stem[:MAX_NAME].rstrip(" .") or FALLBACK_NAME
+
+
+async def receive(request: Request, path: Path, settings: Settings) -> Upload:
+    """Stream the body of `request` to `path`.
+
+    Raises
+    ------
+    Problem
+        408, 413, 415, 422 or 503; `path` is removed then, and when the caller goes away.
+    """
+    kind, options = parse_options_header(request.headers.get("content-type", ""))
+    content_type = kind.decode("latin-1").lower()
+    _check_headers(request, content_type, settings)
+    try:
+        with path.open("wb") as file:
+            if content_type == "multipart/form-data":
+                upload = await _multipart(request, options.get(b"boundary", b""), _Sink(file.fileno(), settings), path)
+            else:
+                upload = await _raw(request, _Sink(file.fileno(), settings), path)
+    except BaseException as error:
+        path.unlink(missing_ok=True)
+        if isinstance(error, ClientDisconnect):
+            raise Problem("bad_request", "The connection closed before the upload was complete.") from error
+        raise
+    if upload.size == 0:
+        path.unlink(missing_ok=True)
+        raise Problem("empty_upload", "The upload has no bytes.", hint="Send a PLY or NPZ file.")
+    return upload
+
+
+def _check_headers(request: Request, content_type: str, settings: Settings) -> None:
+    if request.headers.get("content-encoding", "identity").lower() != "identity":
+        raise Problem("unsupported_encoding", "The upload has a Content-Encoding.", hint="Send the file as it is.")
+    if content_type != "multipart/form-data" and content_type not in RAW_TYPES:
+        raise Problem(
+            "unsupported_media_type",
+            "The Content-Type of the upload is missing or not supported.",
+            hint=f"Send multipart/form-data with a part named `file`, or the file itself as {' or '.join(RAW_TYPES)}.",
+            headers={"Accept-Post": ", ".join(("multipart/form-data", *RAW_TYPES))},
+        )
+    declared = request.headers.get("content-length", "")
+    if not declared.isascii() or not declared.isdigit():
+        return
+    overhead = MULTIPART_OVERHEAD if content_type == "multipart/form-data" else 0
+    if int(declared) > settings.max_upload_bytes + overhead:
+        raise _too_large(settings, int(declared))
+
+
+class _Sink:
+    """Counts the file's bytes and writes them in large pieces, off the event loop."""
+
+    def __init__(self, descriptor: int, settings: Settings) -> None:
+        self._descriptor = descriptor
+        self._settings = settings
+        self._buffer = bytearray()
+        self.size = 0
+
+    @property
+    def settings(self) -> Settings:
+        return self._settings
+
+    def add(self, data: bytes) -> None:
+        self.size += len(data)
+        if self.size > self._settings.max_upload_bytes:
+            raise _too_large(self._settings, self.size)
+        self._buffer += data
+
+    async def flush(self, *, everything: bool = False) -> None:
+        if self._buffer and (everything or len(self._buffer) >= WRITE_BYTES):
+            data, self._buffer = self._buffer, bytearray()
+            await run_in_threadpool(_write, self._descriptor, data)
+
+
+def _write(descriptor: int, data: bytearray) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(descriptor, view) :]
+
+
+async def _raw(request: Request, sink: _Sink, path: Path) -> Upload:
+    async for chunk in _body(request, sink.settings):
+        sink.add(chunk)
+        await sink.flush()
+    await sink.flush(everything=True)
+    return Upload(path, FALLBACK_NAME, sink.size)
+
+
+async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path) -> Upload:
+    form = _Form(sink)
+    received = 0
+    try:
+        parser = MultipartParser(
+            boundary,
+            {
+                "on_part_begin": form.begin,
+                "on_header_field": form.header_name,
+                "on_header_value": form.header_value,
+                "on_header_end": form.header_end,
+                "on_headers_finished": form.headers_finished,
+                "on_part_data": form.data,
+                "on_part_end": form.end,
+                "on_end": form.finish,
+            },
+        )
+        async for chunk in _body(request, sink.settings):
+            received += len(chunk)
+            if received - sink.size > MULTIPART_OVERHEAD + len(chunk):
+                raise Problem("invalid_upload", "The form has too much beside the file.", limit=MULTIPART_OVERHEAD)
+            parser.write(chunk)
+            await sink.flush()
+        parser.finalize()
+    except (FormParserError, ValueError) as error:
+        raise Problem("invalid_upload", "The multipart body is malformed or incomplete.") from error
+    await sink.flush(everything=True)
+    if not form.complete:
+        raise Problem("invalid_upload", "The multipart body is malformed or incomplete.")
+    if form.files != 1:
+        raise _not_one_file(form.files)
+    return Upload(path, clean_name(form.file_name), sink.size, form.fields)
+
+
+class _Form:
+    """The parts of a form: exactly one named ``file``, the others short parameters."""
+
+    def __init__(self, sink: _Sink) -> None:
+        self._sink = sink
+        self.fields: list[tuple[str, str]] = []
+        self.files = 0
+        self.file_name: str | None = None
+        self.complete = False
+        self._header, self._value, self._content = b"", b"", b""
+        self._disposition = b""
+        self._name = ""
+
+    def begin(self) -> None:
+        self._disposition, self._content, self._name = b"", b"", ""
+
+    def header_name(self, data: bytes, start: int, end: int) -> None:
+        self._header += data[start:end]
+
+    def header_value(self, data: bytes, start: int, end: int) -> None:
+        self._value += data[start:end]
+
+    def header_end(self) -> None:
+        if self._header.lower() == b"content-disposition":
+            self._disposition = self._value
+        self._header, self._value = b"", b""
+
+    def headers_finished(self) -> None:
+        _, options = parse_options_header(self._disposition)
+        self._name = options.get(b"name", b"").decode("utf-8", "replace")
+        if self._name == "file":
+            self.files += 1
+            if self.files > 1:
+                raise _not_one_file(self.files)
+            self.file_name = options.get(b"filename", b"").decode("utf-8", "replace")
+        elif len(self.fields) >= MAX_FIELDS:
+            raise Problem("invalid_upload", "The form has too many fields.", limit=MAX_FIELDS)
+
+    def data(self, data: bytes, start: int, end: int) -> None:
+        if self._name == "file":
+            self._sink.add(data[start:end])
+            return
+        self._content += data[start:end]
+        if len(self._content) > MAX_FIELD_BYTES:
+            raise Problem("invalid_upload", "A field of the form is too long.", limit=MAX_FIELD_BYTES)
+
+    def end(self) -> None:
+        if self._name != "file":
+            self.fields.append((self._name, self._content.decode("utf-8", "replace")))
+
+    def finish(self) -> None:
+        self.complete = True
+
+
+async def _body(request: Request, settings: Settings) -> AsyncIterator[bytes]:
+    """Yield the body's chunks while they come fast enough."""
+    start = time.monotonic()
+    received = 0
+    chunks = request.stream()
+    while True:
+        elapsed = time.monotonic() - start
+        allowed = settings.upload_deadline - elapsed
+        if settings.upload_min_rate:
+            allowed = min(allowed, RATE_GRACE_SECONDS + received / settings.upload_min_rate - elapsed)
+        try:
+            async with asyncio.timeout(max(allowed, 0)):
+                chunk = await anext(chunks)
+        except StopAsyncIteration:
+            return
+        except TimeoutError as error:
+            raise Problem(
+                "upload_too_slow",
+                f"The upload did not arrive within {settings.upload_deadline:g} seconds, or came slower than "
+                f"{settings.upload_min_rate} bytes per second.",
+                hint="Send it again over a faster connection.",
+                headers={"Connection": "close"},
+            ) from error
+        received += len(chunk)
+        yield chunk
+
+
+def _too_large(settings: Settings, actual: int) -> Problem:
+    return Problem(
+        "upload_too_large",
+        f"The upload is larger than the {settings.max_upload_bytes} bytes this service takes.",
+        hint="Send a smaller cloud, or a binary file instead of text.",
+        limit=settings.max_upload_bytes,
+        actual=actual,
+    )
+
+
+def _not_one_file(actual: int) -> Problem:
+    return Problem(
+        "invalid_upload",
+        "The form needs exactly one part named `file`.",
+        hint="For example: curl -F file=@scan.ply …",
+        limit=1,
+        actual=actual,
+    )

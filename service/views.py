@@ -1,0 +1,93 @@
+"""A job as callers see it."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+from .jobs import Job, Outlook
+from .problems import ProblemDetail
+
+LONGEST_RETRY = 30
+Status = Literal["queued", "running", "cancelling", "succeeded", "failed", "cancelled"]
+
+
+class ProgressView(BaseModel):
+    """How far a job is."""
+
+    done: int
+    total: int = Field(description="Points of the cloud times iterations")
+    unit: Literal["points"] = "points"
+
+
+class ExecutionView(BaseModel):
+    """On what a job runs; known once it runs."""
+
+    model: str
+    weights_sha256: str
+    device: str
+    device_requested: str
+    cpu_fallback: bool = Field(description="Whether the CPU was taken because there is no GPU")
+    precision: str
+    version: str
+
+
+class JobView(BaseModel):
+    """A job."""
+
+    id: str
+    status: Status
+    progress: ProgressView
+    queue_position: int | None = Field(description="1 is next; null once the job runs")
+    seconds_left: float | None = Field(description="Estimated; null while nothing is known")
+    points_per_second: float | None = Field(description="Speed of this job")
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    expires_at: datetime | None = Field(description="When a finished job and its files are removed")
+    parameters: dict[str, Any] = Field(description="The parameters in force")
+    execution: ExecutionView | None
+    upload: dict[str, Any] = Field(description="`name`, `format`, `bytes`, `points` and `has_normals` of the file")
+    warnings: list[str]
+    problem: ProblemDetail | None = Field(description="Why a failed job failed")
+    links: dict[str, str]
+
+
+def _time(milliseconds: int | None) -> datetime | None:
+    return None if milliseconds is None else datetime.fromtimestamp(milliseconds / 1000, UTC)
+
+
+def job_view(job: Job, outlook: Outlook) -> JobView:
+    """Return what is shown of a job."""
+    links = {"self": f"/jobs/{job.id}"}
+    if job.status == "succeeded":
+        links["result"] = f"/jobs/{job.id}/result"
+    created = _time(job.created_at)
+    assert created is not None
+    return JobView(
+        id=job.id,
+        status=job.status,
+        progress=ProgressView(done=job.done, total=job.total),
+        queue_position=outlook.queue_position,
+        seconds_left=None if outlook.seconds_left is None else round(outlook.seconds_left, 1),
+        points_per_second=None if job.points_per_second is None else round(job.points_per_second, 1),
+        created_at=created,
+        started_at=_time(job.started_at),
+        finished_at=_time(job.finished_at),
+        expires_at=_time(job.expires_at),
+        parameters=job.parameters,
+        execution=None if job.execution is None else ExecutionView(**job.execution),
+        upload=job.upload,
+        warnings=job.warnings,
+        problem=None if job.problem is None else ProblemDetail(**job.problem),
+        links=links,
+    )
+
+
+def retry_after(outlook: Outlook) -> str:
+    """Return the seconds after which to ask again: half of what is left, between 1 and 30."""
+    left = 2.0 if outlook.seconds_left is None else outlook.seconds_left / 2
+    return str(min(LONGEST_RETRY, max(1, math.ceil(left))))

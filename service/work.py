@@ -1,0 +1,158 @@
+"""What the steps of a job work on: its upload, its files in storage, its prepared cloud, its progress."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdnf.cloud import Frame
+from pcdnf.denoiser import Cloud, Denoiser, iteration_seed
+from pcdnf.errors import PcdnfError
+from pcdnf.formats import Limits, PointCloud, read
+
+from .jobs import Job
+from .runtime import Runtime
+from .storage import UPLOAD, job_file
+
+POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
+
+
+def tile_name(iteration: int, start: int) -> str:
+    """Return the name of a finished tile."""
+    return f"tiles/{iteration}-{start}.npz"
+
+
+def merged_name(iteration: int) -> str:
+    """Return the name of the cloud after an iteration."""
+    return f"iteration-{iteration}.npz"
+
+
+def result_name(format_: str) -> str:
+    """Return the name of the result in one format."""
+    return f"result.{format_}"
+
+
+def store_arrays(runtime: Runtime, job_id: str, name: str, **arrays: NDArray[Any]) -> None:
+    """Store arrays durably under a name of the job."""
+    scratch = runtime.storage.scratch()
+    with scratch.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+    runtime.storage.put(scratch, job_file(job_id, name))
+
+
+def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[Any]]:
+    """Return what :func:`store_arrays` stored; nothing is unpickled."""
+    with np.load(runtime.storage.local(job_file(job_id, name)), allow_pickle=False) as file:
+        return dict(file)
+
+
+def read_upload(runtime: Runtime, job: Job) -> PointCloud:
+    """Read the caller's file, under the limits it was checked with.
+
+    Raises
+    ------
+    pcdnf.formats.FormatError
+    """
+    limits = Limits(
+        max_points=runtime.settings.max_points,
+        max_bytes=runtime.settings.max_inflated_bytes,
+        nonfinite=job.parameters["nonfinite"],
+    )
+    return read(runtime.storage.local(job_file(job.id, UPLOAD)), limits=limits)
+
+
+def sha256(path: Path) -> str:
+    """Return the hash of a file in hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class Progress:
+    """Progress of one step, told to the database at most once a second, which also tells whether to go on.
+
+    Parameters
+    ----------
+    base : int
+        Points done before this step, over all iterations.
+    """
+
+    def __init__(self, runtime: Runtime, job_id: str, base: int) -> None:
+        self._runtime, self._job_id, self._base = runtime, job_id, base
+        self._done = 0
+        self._began = self._told = time.monotonic()
+
+    def report(self, done: int) -> None:
+        """Take note of the points of this step done so far."""
+        self._done = done
+
+    def stop(self) -> bool:
+        """Return whether the job is not wanted any more; looks once a second."""
+        now = time.monotonic()
+        if now - self._told < POLL_SECONDS:
+            return False
+        self._told = now
+        speed = self._runtime.points_per_second or (self._done / (now - self._began) or None)
+        return not self._runtime.attempts.wanted(self._job_id, done=self._base + self._done, points_per_second=speed)
+
+
+@dataclass
+class Prepared:
+    """The cloud of one iteration made ready, kept in memory between the tiles."""
+
+    job_id: str
+    iteration: int
+    denoiser: Denoiser
+    cloud: Cloud
+
+
+def prepared(runtime: Runtime, job: Job, iteration: int) -> Prepared:
+    """Return the cloud of an iteration, prepared now unless it was kept.
+
+    Raises
+    ------
+    PcdnfError
+        If the file, the cloud or the model is not usable, or the weights are not those the job began with.
+    pcdnf.denoiser.Stopped
+        If the job was cancelled meanwhile.
+    """
+    kept = runtime.kept
+    if isinstance(kept, Prepared) and (kept.job_id, kept.iteration) == (job.id, iteration):
+        return kept
+    runtime.kept = None  # the cloud before may be large
+    _settle_execution(runtime, job)
+    denoiser = runtime.models.get(job.parameters["model"])
+    given = read_upload(runtime, job)
+    points: NDArray[Any] = given.points
+    normals = given.normals if job.parameters["normals"] == "input" else None
+    if iteration:
+        before = load_arrays(runtime, job.id, merged_name(iteration - 1))
+        points, normals = before["points"], before["normals"]
+    cloud = denoiser.prepare(
+        points,
+        normals,
+        frame=Frame.of(given.points),
+        seed=iteration_seed(job.parameters["seed"], iteration),
+        should_stop=Progress(runtime, job.id, iteration * len(points)).stop,
+    )
+    fresh = Prepared(job.id, iteration, denoiser, cloud)
+    runtime.kept = fresh
+    return fresh
+
+
+def _settle_execution(runtime: Runtime, job: Job) -> None:
+    """Record on what the job runs; the weights may not change under it."""
+    execution = runtime.models.execution(job.parameters["model"])
+    if job.execution is not None and job.execution["weights_sha256"] != execution["weights_sha256"]:
+        raise PcdnfError(
+            "The service was updated to other weights while this job was under way.",
+            code="model_changed",
+            hint="Submit the file again.",
+        )
+    if job.execution != execution:
+        runtime.attempts.update(job.id, execution=execution)

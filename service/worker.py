@@ -1,0 +1,200 @@
+"""The worker process: ``python -m service.worker``. It takes jobs off the queue and runs them, one at a time."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from typing import IO
+
+import sqlalchemy as sa
+
+from pcdnf.errors import PcdnfError
+
+from . import database
+from .attempts import Attempts
+from .jobs import Jobs
+from .process import EX_CONFIG, configure_logging, die_with_supervisor, load_settings, refuse
+from .recovery import launch, settle, take_over
+from .settings import Settings
+from .storage import LocalStorage
+from .workers import Workers
+
+log = logging.getLogger(__name__)
+
+PURGE_SECONDS = 60.0
+LOCK_WAIT_SECONDS = 20.0  # for a worker of the same name that is still on its way out
+
+
+class SlotTaken(Exception):
+    """Another live process works under this name."""
+
+
+def take_slot(settings: Settings) -> IO[str]:
+    """Hold the lock file of this worker's name for as long as the returned file is open.
+
+    Raises
+    ------
+    SlotTaken
+        If another process keeps holding it.
+    """
+    folder = settings.data_dir / "locks"
+    folder.mkdir(parents=True, exist_ok=True)
+    file = (folder / f"{settings.executor_id}.lock").open("a")
+    deadline = time.monotonic() + LOCK_WAIT_SECONDS
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return file
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                file.close()
+                raise SlotTaken from None
+            time.sleep(0.2)
+
+
+def limit_threads(settings: Settings) -> int:
+    """Set the threads of torch and Numba, once and before they are imported; return how many."""
+    threads = settings.threads or len(
+        os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+    )
+    for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[variable] = str(threads)
+    return threads
+
+
+class Heart:
+    """Tells the table of workers that this one lives, from a thread of its own."""
+
+    def __init__(self, workers: Workers, settings: Settings) -> None:
+        self._workers, self._settings = workers, settings
+        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self.state = "starting"
+        self.details: dict[str, object] = {}
+        self.job: str | None = None
+        self.points_per_second: float | None = None
+        self._thread = threading.Thread(target=self._run, name="heart", daemon=True)
+
+    def start(self) -> None:
+        """Begin to beat."""
+        self.beat()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop beating and leave the table."""
+        self._stop.set()
+        self._thread.join()
+        self._workers.leave(self._settings.executor_id)
+
+    def beat(self) -> None:
+        """Beat now."""
+        with self._lock:
+            self._workers.beat(
+                self._settings.executor_id,
+                pid=os.getpid(),
+                state=self.state,
+                details=self.details,
+                job=self.job,
+                points_per_second=self.points_per_second,
+            )
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._settings.heartbeat_seconds):
+            try:
+                self.beat()
+            except Exception:
+                log.exception("the database did not take a sign of life")
+
+
+def main() -> None:
+    """Run jobs until SIGTERM or SIGINT; the tile in hand is finished and checkpointed first."""
+    settings = load_settings()
+    configure_logging(settings)
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    die_with_supervisor()
+    try:
+        slot = take_slot(settings)
+    except SlotTaken:
+        refuse(f"Another worker named {settings.executor_id} is running on {settings.data_dir}. Set PCDNF_WORKER_ID.")
+    database.migrate(settings)
+    engine = database.create_engine(settings)
+    workers = Workers(engine)
+    heart = Heart(workers, settings)
+    heart.start()
+    status = 0
+    try:
+        serve(settings, engine, workers, heart, stopping)
+        log.info("worker %s stops", settings.executor_id)
+    except PcdnfError as error:
+        status = EX_CONFIG
+        print(f"pcdnf: {error} {error.hint or ''}".rstrip(), file=sys.stderr)
+    except Exception:
+        status = 1
+        log.exception("worker %s fails", settings.executor_id)
+    heart.stop()
+    slot.close()
+    logging.shutdown()
+    os._exit(status)  # a parked workflow waits in its thread for this
+
+
+def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart, stopping: threading.Event) -> None:
+    """Load the model, join the queue, and look after it until `stopping` is set.
+
+    Raises
+    ------
+    PcdnfError
+        If the model or the device cannot be used.
+    """
+    threads = limit_threads(settings)
+    import torch
+
+    from . import pipeline
+    from .models import Models
+    from .runtime import Runtime
+
+    torch.set_num_threads(threads)
+    storage = LocalStorage(settings.data_dir)
+    attempts = Attempts(engine, settings.job_ttl)
+    models = Models(settings)
+    heart.details = models.execution(settings.default_model)
+    runtime = Runtime(settings, storage, attempts, models)
+    runtime.stopping = stopping
+    pipeline.install(runtime)
+    jobs = Jobs(engine, storage, settings)
+    if stopping.is_set():
+        return
+    launch(settings, engine)
+    heart.state = "ready"
+    heart.beat()
+    log.info("worker %s ready on %s", settings.executor_id, models.device)
+    recovered = purged = 0.0
+    while not stopping.wait(0.5):
+        heart.job, heart.points_per_second = runtime.current, runtime.points_per_second
+        try:
+            if time.monotonic() - recovered > settings.heartbeat_seconds:
+                recovered = time.monotonic()
+                take_over(settings, workers)
+                settle(attempts)
+            if time.monotonic() - purged > PURGE_SECONDS:
+                purged = time.monotonic()
+                jobs.purge()
+        except Exception:
+            log.exception("looking after the queue failed; trying again")
+    heart.state = "stopping"
+    heart.beat()
+    deadline = time.monotonic() + settings.grace_seconds
+    while runtime.current is not None and not runtime.parked.is_set() and time.monotonic() < deadline:
+        runtime.parked.wait(0.1)
+    if runtime.current is not None:
+        attempts.park(runtime.current)
+
+
+if __name__ == "__main__":
+    main()
