@@ -19,9 +19,10 @@ _PR_SET_PDEATHSIG = 1
 
 
 def configure_logging(settings: Settings) -> None:
-    """Log to standard error."""
+    """Log to standard error; of the engine only warnings."""
     level = settings.log_level.upper()
     logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s")
+    logging.getLogger("dbos").setLevel(level if level in ("DEBUG", "ERROR") else "WARNING")
     logging.getLogger("numba").setLevel("WARNING")
 
 

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from conftest import MakeApi
+from service_process import sphere
+
+from pcdnf.denoiser import Denoiser
+from pcdnf.formats import CODES
+from service.inspection import MINIMUM_POINTS, file_problem
+
+
+def _npz(**arrays: object) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _ply(count: int, points: np.ndarray) -> bytes:
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
+    return (header + "property float x\nproperty float y\nproperty float z\nend_header\n").encode() + points.astype(
+        "<f4"
+    ).tobytes()
+
+
+POINTS = sphere(100)
+HOLED = np.where(np.arange(100)[:, None] == 7, np.nan, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("content", "status", "code"),
+    [
+        (b"solid stl\n", 415, "unknown_format"),
+        (b"ply\nformat binary_little_endian 1.0\n", 422, "bad_header"),
+        (_ply(101, POINTS), 422, "truncated"),
+        (_ply(99, POINTS), 422, "trailing_data"),
+        (_ply(2**62, POINTS), 413, "too_many_points"),
+        (_ply(10, POINTS[:10]), 422, "too_few_points"),
+        (_ply(100, HOLED), 422, "nonfinite"),
+        (_ply(100, POINTS * 0), 422, "zero_extent"),
+        (_npz(points=POINTS.T), 422, "bad_shape"),
+        (_npz(points=np.array(["a", "b"])), 422, "unsupported_dtype"),
+        (_npz(other=POINTS), 422, "missing_coordinates"),
+    ],
+)
+def test_bad_files(api: httpx.Client, content: bytes, status: int, code: str) -> None:
+    response = api.post("/denoise", files={"file": ("a.ply", content)})
+    assert (response.status_code, response.json()["code"]) == (status, code), response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    assert response.json()["hint"]
+    assert api.get("/jobs").json() == []
+
+
+def test_every_code_of_the_reader_has_a_client_error() -> None:
+    for code in CODES:
+        problem = file_problem({"code": code, "detail": "x", "hint": "y"})
+        assert problem.status in (413, 415, 422)
+        assert problem.code == code
+
+
+def test_dropping_bad_rows(api: httpx.Client) -> None:
+    job = api.post("/denoise?nonfinite=drop", files={"file": _ply(100, HOLED)}).json()
+    assert job["upload"]["points"] == 99
+    assert job["progress"]["total"] == 99
+    assert "7 (1 row)" in job["warnings"][0]
+
+
+def test_normals_of_the_file(api: httpx.Client) -> None:
+    without, with_normals = _npz(points=POINTS), _npz(points=POINTS, normals=POINTS)
+    response = api.post("/denoise?normals=input", files={"file": without})
+    assert (response.status_code, response.json()["code"]) == (422, "normals_missing")
+    assert api.post("/denoise?normals=input", files={"file": with_normals}).status_code == 202
+
+
+def test_limits_of_points_and_of_inflation(make_api: MakeApi) -> None:
+    api = make_api(max_points=99, max_inflated_bytes=10_000)
+    response = api.post("/denoise", files={"file": _ply(100, POINTS)})
+    assert (response.status_code, response.json()["code"]) == (413, "too_many_points")
+    assert (response.json()["limit"], response.json()["actual"]) == (99, 100)
+    bomb = _npz(points=np.zeros((50, 3)), other=np.zeros(10_000))
+    assert len(bomb) < 10_000
+    response = api.post("/denoise", files={"file": bomb})
+    assert response.status_code in (413, 422)
+
+
+def test_time_limit(make_api: MakeApi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.inspection.WALL_FACTOR", 0.01)
+    response = make_api(check_seconds=1).post("/denoise", files={"file": _ply(100, POINTS)})
+    assert (response.status_code, response.json()["code"]) == (422, "took_too_long")
+    assert not list((tmp_path / "data" / "scratch").iterdir())
+
+
+def test_the_minimum_is_the_denoisers() -> None:
+    assert Denoiser.load("pcdnf-lite", device="cpu").minimum_points == MINIMUM_POINTS

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from fastapi import FastAPI, HTTPException
+from service_process import Served
+from sqlalchemy.exc import OperationalError
+
+from service import problems
+from service.problems import CATALOGUE, Problem
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    app = FastAPI()
+    problems.install(app)
+
+    @app.get("/number/{value}")
+    async def number(value: int) -> int:
+        return value
+
+    @app.get("/problem")
+    async def problem() -> None:
+        raise Problem("too_many_points", "Too many.", hint="Fewer.", limit=3, actual=4, headers={"Retry-After": "1"})
+
+    @app.get("/http/{status}")
+    async def http(status: int) -> None:
+        raise HTTPException(status, "for some reason")
+
+    @app.get("/database")
+    async def database() -> None:
+        raise OperationalError("SELECT secret", {}, Exception("secret"))
+
+    @app.get("/bug")
+    async def bug() -> None:
+        raise ZeroDivisionError("secret")
+
+    with Served(app) as client:
+        yield client
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("GET", "/nothing", 404, "not_found"),
+        ("PUT", "/problem", 405, "method_not_allowed"),
+        ("GET", "/number/x", 422, "invalid_parameters"),
+        ("GET", "/problem", 413, "too_many_points"),
+        ("GET", "/http/413", 413, "upload_too_large"),
+        ("GET", "/http/415", 415, "unsupported_media_type"),
+        ("GET", "/http/429", 429, "too_many_requests"),
+        ("GET", "/http/503", 503, "too_busy"),
+        ("GET", "/http/418", 418, "bad_request"),
+        ("GET", "/database", 503, "database_unavailable"),
+        ("GET", "/bug", 500, "internal_error"),
+    ],
+)
+def test_one_shape(client: httpx.Client, method: str, path: str, status: int, code: str) -> None:
+    response = client.request(method, path)
+    body = response.json()
+    assert response.status_code == status == body["status"]
+    assert response.headers["content-type"] == "application/problem+json"
+    assert body["code"] == code
+    assert body["type"] == f"urn:pcdnf:problem:{code}"
+    assert body["instance"] == path
+    assert body["title"]
+    assert body["detail"].endswith((".", "reason"))
+    assert "secret" not in response.text
+
+
+def test_members_and_headers(client: httpx.Client) -> None:
+    response = client.get("/problem")
+    assert response.headers["retry-after"] == "1"
+    assert {"hint": "Fewer.", "limit": 3, "actual": 4}.items() <= response.json().items()
+
+
+def test_validation_names_the_parameter(client: httpx.Client) -> None:
+    body = client.get("/number/x").json()
+    assert body["errors"][0]["parameter"] == "value"
+    assert body["detail"].startswith("value: ")
+
+
+def test_codes_are_snake_case_and_statuses_real() -> None:
+    for code, (status, title) in CATALOGUE.items():
+        assert re.fullmatch(r"[a-z]+(_[a-z]+)*", code)
+        assert 400 <= status <= 599
+        assert title

@@ -1,0 +1,179 @@
+"""The service as its users run it: real processes, for the tests that need them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import uvicorn
+from fastapi import FastAPI
+
+from pcdnf.formats import PointCloud, write
+
+START_SECONDS = 90.0
+ONE_BY_ONE = httpx.Limits(max_keepalive_connections=0)  # a connection each, so that none is closed under a request
+QUICK = {"tile_points": 1024, "poll_seconds": 0.1, "heartbeat_seconds": 0.5, "grace_seconds": 20}
+
+
+class Served:
+    """An application behind a real socket, in a thread of this process."""
+
+    def __init__(self, app: FastAPI) -> None:
+        self.app = app
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.address: tuple[str, int] = self.listener.getsockname()
+        self.server = uvicorn.Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=5))
+        self.thread = threading.Thread(target=self.server.run, kwargs={"sockets": [self.listener]})
+        self.client = httpx.Client(
+            base_url=f"http://127.0.0.1:{self.address[1]}", timeout=30, trust_env=False, limits=ONE_BY_ONE
+        )
+
+    def __enter__(self) -> httpx.Client:
+        self.thread.start()
+        while not self.server.started:
+            assert self.thread.is_alive(), "the application did not start"
+            time.sleep(0.005)
+        return self.client
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        self.server.should_exit = True
+        self.thread.join(20)
+        self.listener.close()
+
+
+class Service:
+    """``python -m service`` in a folder of its own."""
+
+    def __init__(self, folder: Path, **settings: Any) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.log = folder / "log"
+        self.data = folder / "data"
+        given = {"host": "127.0.0.1", "port": 0, "data_dir": self.data} | QUICK | settings
+        self.environment = {key: value for key, value in os.environ.items() if not key.startswith("PCDNF_")}
+        self.environment |= {f"PCDNF_{key.upper()}": str(value) for key, value in given.items()}
+        self.process: subprocess.Popen[bytes] | None = None
+        self.client = httpx.Client()
+
+    def start(self, *, ready: bool = True) -> Service:
+        """Start it and wait until it answers, and until it is ready."""
+        with self.log.open("ab") as log:
+            begin = self.log.stat().st_size
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "service"], env=self.environment, stdout=log, stderr=log
+            )
+        prefix = "PCDNF listens on "
+        lines = self._until(
+            lambda: [line for line in self.output(begin).splitlines() if line.startswith(prefix)], "address"
+        )
+        self.client.close()
+        self.client = httpx.Client(
+            base_url=lines[0].removeprefix(prefix), timeout=30, trust_env=False, limits=ONE_BY_ONE
+        )
+        if ready:
+            self.wait_ready()
+        return self
+
+    def wait_ready(self) -> None:
+        """Wait for /readyz."""
+        self._until(lambda: self.client.get("/readyz").status_code == 200, "ready")
+
+    def output(self, begin: int = 0) -> str:
+        """Return what was logged."""
+        return self.log.read_bytes()[begin:].decode()
+
+    def child(self, module: str) -> int:
+        """Return the process id of ``service.server`` or ``service.worker``."""
+        assert self.process is not None
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        for child in children:
+            if module.encode() in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
+        raise AssertionError(f"no {module} among the children")
+
+    def wait_child(self, module: str, *, other_than: int) -> int:
+        """Wait for a new process of that module."""
+
+        def found() -> int | None:
+            try:
+                pid = self.child(module)
+            except (AssertionError, FileNotFoundError):
+                return None
+            return pid if pid != other_than else None
+
+        return int(self._until(found, module))
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        """Stop it and return the exit status."""
+        self.client.close()
+        if self.process is None:
+            return 0
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        status = self.process.wait(60)
+        self.process = None
+        return status
+
+    def submit(self, path: Path, **parameters: Any) -> dict[str, Any]:
+        """Upload a file and return the job."""
+        response = self.client.post("/denoise", files={"file": (path.name, path.read_bytes())}, params=parameters)
+        assert response.status_code == 202, response.text
+        job: dict[str, Any] = response.json()
+        return job
+
+    def job(self, job_id: str) -> dict[str, Any]:
+        """Return the job as it is now."""
+        job: dict[str, Any] = self.client.get(f"/jobs/{job_id}").json()
+        return job
+
+    def wait_status(self, job_id: str, *statuses: str, seconds: float = 120.0) -> dict[str, Any]:
+        """Wait until the job has one of `statuses`."""
+        job = self._until(
+            lambda: found if (found := self.job(job_id))["status"] in statuses else None, statuses, seconds
+        )
+        return dict(job)
+
+    def wait_done(self, job_id: str, points: int, seconds: float = 120.0) -> dict[str, Any]:
+        """Wait until so many points are done."""
+        return dict(
+            self._until(
+                lambda: found if (found := self.job(job_id))["progress"]["done"] >= points else None, points, seconds
+            )
+        )
+
+    def _until(self, question: Any, what: object, seconds: float = START_SECONDS) -> Any:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            assert self.process is None or self.process.poll() is None, f"the service ended:\n{self.output()}"
+            try:
+                answer = question()
+            except httpx.TransportError:
+                answer = None
+            if answer:
+                return answer
+            time.sleep(0.05)
+        raise AssertionError(f"waited {seconds} s for {what}:\n{self.output()[-4000:]}")
+
+
+def sphere(count: int, seed: int = 0) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return a noisy unit sphere (count, 3) float64."""
+    random = np.random.default_rng(seed)
+    points = random.normal(size=(count, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return points + 0.01 * random.normal(size=points.shape)
+
+
+def write_sphere(path: Path, count: int, seed: int = 0) -> Path:
+    """Write a noisy sphere in the format of the suffix."""
+    cloud = PointCloud(points=sphere(count, seed).astype(np.float32))
+    write(path, cloud, format="npz" if path.suffix == ".npz" else "ply")
+    return path
