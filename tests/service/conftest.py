@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import httpx
 import pytest
+import sqlalchemy as sa
 from service_process import Served, Service, write_sphere
 
+from service import database
 from service.app import create_app
+from service.attempts import Attempts
+from service.jobs import Job, Jobs, new_id
 from service.settings import Settings
+from service.storage import UPLOAD, LocalStorage, job_file
+from service.workers import Workers
 
 
 @pytest.fixture(scope="session")
@@ -46,10 +53,63 @@ def make_api(make_served: Callable[..., Served]) -> MakeApi:
     return lambda **settings: make_served(**settings).client
 
 
+@pytest.fixture(scope="module")
+def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """An API without a worker, shared by the tests of a module."""
+    with Served(create_app(Settings(data_dir=tmp_path_factory.mktemp("api")))) as client:
+        yield client
+
+
+@dataclass
+class Board:
+    """The table of jobs from both of its sides, without any process."""
+
+    settings: Settings
+    engine: sa.Engine
+    storage: LocalStorage
+    jobs: Jobs
+    attempts: Attempts
+    workers: Workers
+
+    def submit(self, *, owner: str = "ada", points: int = 100, iterations: int = 1) -> Job:
+        """Accept a job with an upload of a few bytes."""
+        job_id = new_id()
+        scratch = self.storage.scratch()
+        scratch.write_bytes(b"upload")
+        self.storage.put(scratch, job_file(job_id, UPLOAD))
+        return self.jobs.submit(
+            job_id,
+            owner=owner,
+            parameters={"iterations": iterations},
+            upload={"name": "a", "format": "ply", "points": points},
+            warnings=[],
+        )
+
+    def now(self, job: Job) -> Job:
+        """Return the job as it is now."""
+        found = self.attempts.get(job.id)
+        assert found is not None
+        return found
+
+    def engine_state(self, job: Job) -> str | None:
+        """Return what the engine thinks of the job."""
+        query = sa.text("SELECT status FROM workflow_status WHERE workflow_uuid = :id")
+        with self.engine.connect() as connection:
+            state: str | None = connection.execute(query, {"id": job.id}).scalar()
+            return state
+
+
 @pytest.fixture
-def api(make_api: MakeApi) -> httpx.Client:
-    """An API without a worker."""
-    return make_api()
+def board(tmp_path: Path) -> Iterator[Board]:
+    """A board on a database of its own."""
+    settings = Settings(data_dir=tmp_path / "data", job_ttl=1000)
+    database.migrate(settings)
+    engine = database.create_engine(settings)
+    storage = LocalStorage(settings.data_dir)
+    jobs = Jobs(engine, storage, settings)
+    yield Board(settings, engine, storage, jobs, Attempts(engine, settings.job_ttl), Workers(engine))
+    jobs.close()
+    engine.dispose()
 
 
 @pytest.fixture(scope="session")

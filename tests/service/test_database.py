@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from service import database
+from service.settings import Settings
+
+
+def test_processes_may_migrate_at_once(tmp_path: Path) -> None:
+    code = "from service.database import migrate; from service.settings import Settings; migrate(Settings())"
+    environment = {"PCDNF_DATA_DIR": str(tmp_path)}
+    processes = [subprocess.Popen([sys.executable, "-c", code], env=environment) for _ in range(3)]
+    assert [process.wait(60) for process in processes] == [0, 0, 0]
+    engine = database.create_engine(Settings(data_dir=tmp_path))
+    names = sa.inspect(engine).get_table_names()
+    engine.dispose()
+    assert {"pcdnf_jobs", "pcdnf_workers", "workflow_status"} <= set(names)
+
+
+def test_sqlite_is_durable_and_waits_for_its_turn(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    database.migrate(settings)
+    engine = database.create_engine(settings)
+    with engine.connect() as connection:
+        pragmas = {
+            name: connection.execute(sa.text(f"PRAGMA {name}")).scalar()
+            for name in ("journal_mode", "synchronous", "busy_timeout", "foreign_keys")
+        }
+        now = connection.execute(sa.select(database.now_ms())).scalar_one()
+    engine.dispose()
+    assert pragmas == {"journal_mode": "wal", "synchronous": 2, "busy_timeout": 30_000, "foreign_keys": 1}
+    assert abs(now - time.time() * 1000) < 2000
+
+
+def test_the_clock_on_postgresql() -> None:
+    from sqlalchemy.dialects import postgresql
+
+    compiled = str(sa.select(database.now_ms()).compile(dialect=postgresql.dialect()))
+    assert "clock_timestamp()" in compiled

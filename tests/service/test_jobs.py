@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+import sqlalchemy as sa
+from conftest import Board
+
+from service.database import jobs as table
+from service.jobs import new_id
+from service.storage import UPLOAD, job_file
+
+
+def test_ids_carry_128_random_bits() -> None:
+    ids = {new_id() for _ in range(1000)}
+    assert len(ids) == 1000
+    assert all(len(job_id) == 32 and int(job_id, 16) >= 0 for job_id in ids)
+
+
+def test_submit_enters_both_tables(board: Board) -> None:
+    job = board.submit(points=100, iterations=3)
+    assert (job.status, job.done, job.total) == ("queued", 0, 300)
+    assert board.engine_state(job) == "ENQUEUED"
+    assert board.jobs.status(job.id, "ada") == job
+    assert board.jobs.status(job.id, "bob") is None
+    assert board.jobs.status("0" * 32, "ada") is None
+
+
+def test_submit_is_one_transaction(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr(board.jobs._client, "enqueue_in_transaction", broken)
+    with pytest.raises(RuntimeError):
+        board.submit()
+    with board.engine.connect() as connection:
+        assert connection.execute(sa.select(sa.func.count()).select_from(table)).scalar() == 0
+
+
+def test_nothing_is_pickled(board: Board) -> None:
+    job = board.submit()
+    with board.engine.connect() as connection:
+        inputs, serialization = connection.execute(
+            sa.text(
+                "SELECT i.inputs, s.serialization FROM workflow_status s JOIN workflow_input i USING (workflow_uuid)"
+            )
+        ).one()
+    assert serialization == "portable_json"
+    assert job.id in inputs
+
+
+def test_many_at_once(board: Board) -> None:
+    threads = [threading.Thread(target=board.submit) for _ in range(20)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(board.jobs.page("ada", limit=100)) == 20
+
+
+def test_pages_are_newest_first_and_the_callers_own(board: Board) -> None:
+    jobs = [board.submit() for _ in range(5)]
+    board.submit(owner="bob")
+    expected = sorted(jobs, key=lambda job: (job.created_at, job.id), reverse=True)
+    first = board.jobs.page("ada", limit=3)
+    assert first + board.jobs.page("ada", limit=3, before=first[-1]) == expected
+
+
+def test_outlook(board: Board) -> None:
+    first, second = board.submit(points=100), board.submit(points=300)
+    assert board.jobs.outlook(second).seconds_left is None
+    board.workers.beat("w", pid=1, state="ready", details={}, points_per_second=50.0)
+    ordered = sorted([first, second], key=lambda job: (job.created_at, job.id))
+    assert [board.jobs.outlook(job).queue_position for job in ordered] == [1, 2]
+    assert board.jobs.outlook(ordered[1]).seconds_left == pytest.approx(400 / 50)
+    board.attempts.open(first.id)
+    board.attempts.wanted(first.id, done=40, points_per_second=30.0)
+    assert board.jobs.outlook(board.now(first)).seconds_left == pytest.approx(60 / 30)
+    assert board.jobs.outlook(second).queue_position == 1
+    assert board.jobs.outlook(second).seconds_left == pytest.approx(360 / 50)
+
+
+def test_cancel_queued_goes_at_once(board: Board) -> None:
+    job = board.submit()
+    cancelled = board.jobs.cancel(job)
+    assert cancelled is not None
+    assert cancelled.status == "cancelled"
+    assert cancelled.expires_at is not None
+    assert board.engine_state(job) == "CANCELLED"
+    assert not board.storage.local(job_file(job.id, UPLOAD)).exists()
+    assert board.attempts.open(job.id) is None
+
+
+def test_cancel_running_waits_for_the_worker(board: Board) -> None:
+    job = board.submit()
+    board.attempts.open(job.id)
+    cancelled = board.jobs.cancel(job)  # the caller still thinks it is queued
+    assert cancelled is not None
+    assert cancelled.status == "cancelling"
+    assert board.storage.local(job_file(job.id, UPLOAD)).exists()
+    assert not board.attempts.wanted(job.id, done=1, points_per_second=None)
+    assert not board.attempts.succeed(job.id, {}, [])
+    assert not board.attempts.fail(job.id, {})
+    assert board.attempts.cancel(job.id)
+    assert board.now(job).status == "cancelled"
+
+
+def test_cancel_that_comes_too_late(board: Board) -> None:
+    job = board.submit()
+    board.attempts.open(job.id)
+    board.attempts.succeed(job.id, {}, [])
+    late = board.jobs.cancel(job)
+    assert late is not None
+    assert late.status == "succeeded"
+
+
+def test_remove(board: Board) -> None:
+    job = board.submit()
+    assert not board.jobs.remove(job)
+    board.attempts.open(job.id)
+    board.attempts.succeed(job.id, {}, [])
+    assert board.jobs.remove(job)
+    assert board.jobs.status(job.id, "ada") is None
+    assert board.engine_state(job) is None
+    assert not board.storage.local(job_file(job.id, UPLOAD)).exists()
+
+
+def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None:
+    kept, expired, live = board.submit(), board.submit(), board.submit()
+    for job in (kept, expired):
+        board.attempts.open(job.id)
+        board.attempts.succeed(job.id, {}, [])
+    board.attempts.update(expired.id, expires_at=1)
+    assert board.jobs.expired(board.now(expired))
+    assert not board.jobs.expired(board.now(kept))
+    assert not board.jobs.expired(live)
+    assert board.jobs.purge() == 1
+    assert board.jobs.purge() == 0
+    assert not board.storage.local(job_file(expired.id, UPLOAD)).exists()
+    assert board.storage.local(job_file(kept.id, UPLOAD)).exists()
+    assert board.engine_state(expired) is None
+    assert board.now(expired).purged_at is not None
+    assert {job.id for job in board.jobs.page("ada", limit=9)} == {kept.id, live.id}
+    board.attempts.update(expired.id, purged_at=1)
+    board.jobs.purge()
+    assert board.attempts.get(expired.id) is None
+
+
+def test_purge_removes_uploads_that_were_never_accepted(board: Board) -> None:
+    job = board.submit()
+    folder = board.settings.data_dir / "jobs"
+    (folder / "orphan").mkdir()
+    for name in ("orphan", job.id):
+        os.utime(folder / name, (1, 1))
+    board.jobs.purge()
+    assert [path.name for path in folder.iterdir()] == [job.id]
