@@ -149,7 +149,7 @@ def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
     @functools.wraps(function)
     def told(job_id: str, *arguments: Any) -> Outcome:
         job = _shared().attempts.get(job_id)
-        if job is None:
+        if job is None or job.status != "running":
             return {"stopped": True}
         try:
             return function(_shared(), job, *arguments)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 
 import uvicorn
@@ -67,6 +68,8 @@ def main() -> None:
         timeout_graceful_shutdown=int(settings.grace_seconds),
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
     )
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)  # uvicorn raises the signal again once it has shut down
     uvicorn.Server(config).run(sockets=[listener])
 
 

@@ -1,0 +1,327 @@
+"""The API with its worker, over HTTP."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import subprocess
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from service_process import Service, sphere, write_sphere
+
+import pcdnf
+from pcdnf.denoiser import Denoiser
+from pcdnf.formats import NpzFlavour, PlyFlavour, PointCloud, read, write
+
+
+@pytest.fixture(scope="module")
+def done(running: Service, small: Path) -> dict[str, Any]:
+    """A finished job of the small cloud, two iterations, seed 3."""
+    return running.wait_status(running.submit(small, iterations=2, seed=3)["id"], "succeeded", "failed")
+
+
+def _read(response: httpx.Response, folder: Path) -> PointCloud:
+    path = folder / "result"
+    path.write_bytes(response.content)
+    return read(path)
+
+
+def test_accepted(running: Service, small: Path) -> None:
+    response = running.client.post("/denoise", files={"file": ("x.ply", small.read_bytes())})
+    job = response.json()
+    assert response.status_code == 202
+    assert response.headers["location"] == f"/jobs/{job['id']}"
+    assert 1 <= int(response.headers["retry-after"]) <= 30
+    assert len(job["id"]) == 32
+    assert job["progress"] == {"done": 0, "total": 2000, "unit": "points"}
+    assert job["status"] == "queued"
+    assert job["queue_position"] >= 1
+    running.wait_status(job["id"], "succeeded")
+
+
+def test_finished_job(running: Service, done: dict[str, Any]) -> None:
+    assert done["status"] == "succeeded", done["problem"]
+    assert done["progress"] == {"done": 4000, "total": 4000, "unit": "points"}
+    assert done["queue_position"] is done["seconds_left"] is done["problem"] is None
+    assert done["points_per_second"] > 0
+    times = [datetime.fromisoformat(done[f"{name}_at"]) for name in ("created", "started", "finished", "expires")]
+    assert times == sorted(times)
+    assert all(time.utcoffset() is not None for time in times)
+    assert (times[3] - times[2]).total_seconds() == 24 * 3600
+    assert done["links"] == {"self": f"/jobs/{done['id']}", "result": f"/jobs/{done['id']}/result"}
+    assert done["execution"]["model"] == "pcdnf-lite"
+    assert done["execution"]["version"] == pcdnf.__version__
+    assert done["execution"]["cpu_fallback"] == (done["execution"]["device"] == "cpu")
+    assert "retry-after" not in running.client.get(f"/jobs/{done['id']}").headers
+
+
+def test_etag(running: Service, done: dict[str, Any]) -> None:
+    first = running.client.get(f"/jobs/{done['id']}")
+    again = running.client.get(f"/jobs/{done['id']}", headers={"If-None-Match": first.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert again.headers["etag"] == first.headers["etag"]
+    assert running.client.get(f"/jobs/{done['id']}", headers={"If-None-Match": '"x"'}).status_code == 200
+
+
+def test_result_is_what_the_library_computes(
+    running: Service, done: dict[str, Any], small: Path, tmp_path: Path
+) -> None:
+    result = _read(running.client.get(done["links"]["result"]), tmp_path)
+    execution = done["execution"]
+    denoiser = Denoiser.load("pcdnf-lite", device=execution["device"], precision=execution["precision"])
+    expected = denoiser.denoise(read(small).points, iterations=2, seed=3)
+    # Threads may sum in another order.
+    np.testing.assert_allclose(result.points, expected.points, atol=1e-6)
+    assert (np.einsum("ni,ni->n", result.normals, expected.normals) > 0.9999).mean() > 0.999
+    assert result.metadata == expected.metadata
+    assert result.metadata["weights_sha256"] == execution["weights_sha256"] == denoiser.info.sha256
+    before, after = (
+        np.abs(np.linalg.norm(points, axis=1) - 1).mean() for points in (read(small).points, result.points)
+    )
+    assert after < before
+
+
+def test_result_headers(running: Service, done: dict[str, Any]) -> None:
+    response = running.client.get(done["links"]["result"])
+    digest = "sha-256=:" + base64.b64encode(hashlib.sha256(response.content).digest()).decode() + ":"
+    assert response.headers["content-type"] == "application/ply"
+    assert response.headers["content-disposition"] == "attachment; filename*=utf-8''small%20scan_denoised.ply"
+    assert response.headers["repr-digest"] == response.headers["content-digest"] == digest
+    assert int(response.headers["content-length"]) == len(response.content)
+    assert response.headers["x-content-type-options"] == "nosniff"
+    head = running.client.head(done["links"]["result"])
+    assert (head.status_code, head.content) == (200, b"")
+    assert head.headers["content-length"] == response.headers["content-length"]
+    again = running.client.get(done["links"]["result"], headers={"If-None-Match": response.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+def test_result_ranges(running: Service, done: dict[str, Any]) -> None:
+    link = done["links"]["result"]
+    whole = running.client.get(link)
+    size, etag = len(whole.content), whole.headers["etag"]
+    for header, part in [("bytes=0-9", slice(0, 10)), ("bytes=100-", slice(100, None)), ("bytes=-7", slice(-7, None))]:
+        response = running.client.get(link, headers={"Range": header, "If-Range": etag})
+        assert (response.status_code, response.content) == (206, whole.content[part])
+        assert response.headers["content-range"].endswith(f"/{size}")
+        assert response.headers["repr-digest"] == whole.headers["repr-digest"]
+        assert "content-digest" not in response.headers
+    for ignored in ({"Range": "bytes=0-1,4-5"}, {"Range": "rows=1-2"}, {"Range": "bytes=-"}, {"Range": "bytes=9-3"},
+                    {"Range": "bytes=0-9", "If-Range": '"old"'}):  # fmt: skip
+        response = running.client.get(link, headers=ignored)
+        assert (response.status_code, response.content) == (200, whole.content), ignored
+    response = running.client.get(link, headers={"Range": f"bytes={size}-"})
+    assert (response.status_code, response.json()["code"]) == (416, "range_not_satisfiable")
+    assert response.headers["content-range"] == f"bytes */{size}"
+
+
+def test_result_in_the_other_format(running: Service, done: dict[str, Any], tmp_path: Path) -> None:
+    link = done["links"]["result"]
+    by_query = running.client.get(link, params={"format": "npz"})
+    by_accept = running.client.get(link, headers={"Accept": "application/x-npz"})
+    assert by_query.content == by_accept.content
+    assert by_query.headers["content-type"] == "application/x-npz"
+    assert "_denoised.npz" in by_query.headers["content-disposition"]
+    ply, npz = _read(running.client.get(link), tmp_path), _read(by_query, tmp_path)
+    np.testing.assert_array_equal(ply.points, npz.points)
+    np.testing.assert_array_equal(ply.normals, npz.normals)
+    assert ply.metadata == npz.metadata
+    refused = running.client.get(link, headers={"Accept": "text/html"})
+    assert (refused.status_code, refused.json()["code"]) == (406, "not_acceptable")
+    for query in ("format=xyz", "formats=ply"):
+        response = running.client.get(f"{link}?{query}")
+        assert (response.status_code, response.json()["code"]) == (422, "invalid_parameters")
+
+
+def test_everything_in_a_ply_comes_back(running: Service, tmp_path: Path) -> None:
+    count = 300
+    random = np.random.default_rng(1)
+    centre = np.array([443_210.25, 4_480_000.125, 812.5])  # UTM
+    cloud = PointCloud(
+        points=sphere(count) * 5 + centre,
+        attributes={
+            "red": random.integers(0, 256, count).astype(np.uint8),
+            "intensity": random.normal(size=count).astype(np.float32),
+        },
+        comments=["scanned on a Tuesday"],
+        flavour=PlyFlavour(
+            encoding="ascii",
+            properties=(("red", "uchar"), ("x", "double"), ("intensity", "float"), ("y", "double"), ("z", "double")),
+        ),
+    )
+    write(tmp_path / "utm.ply", cloud)
+    job = running.wait_status(running.submit(tmp_path / "utm.ply")["id"], "succeeded")
+    result = _read(running.client.get(job["links"]["result"]), tmp_path)
+    assert result.points.dtype == np.float64
+    assert np.linalg.norm(result.points - cloud.points, axis=1).max() < 2
+    assert np.abs(np.linalg.norm(result.points - centre, axis=1) - 5).mean() < 0.06
+    assert result.comments == ["scanned on a Tuesday"]
+    assert isinstance(result.flavour, PlyFlavour)
+    assert result.flavour.encoding == "ascii"
+    assert [name for name, _ in result.flavour.properties if name[0] != "n"] == ["red", "x", "intensity", "y", "z"]
+    for name, column in cloud.attributes.items():
+        np.testing.assert_array_equal(result.attributes[name], column)
+
+
+def test_an_npz_comes_back_as_npz(running: Service, tmp_path: Path) -> None:
+    points = sphere(300)
+    np.savez(tmp_path / "a.npz", xyz=points, normals=points, label=np.arange(300))
+    job = running.wait_status(running.submit(tmp_path / "a.npz", normals="input")["id"], "succeeded", "failed")
+    response = running.client.get(job["links"]["result"])
+    assert response.headers["content-type"] == "application/x-npz"
+    with np.load(io.BytesIO(response.content)) as result:
+        assert result["xyz"].shape == result["normals"].shape == (300, 3)
+        assert (np.einsum("ni,ni->n", result["normals"], points) > 0).all()
+        np.testing.assert_array_equal(result["label"], np.arange(300))
+    assert isinstance(_read(response, tmp_path).flavour, NpzFlavour)
+
+
+def test_same_input_same_output(running: Service, done: dict[str, Any], small: Path) -> None:
+    again = running.wait_status(running.submit(small, iterations=2, seed=3)["id"], "succeeded")
+    first, second = (running.client.get(job["links"]["result"]).content for job in (done, again))
+    assert first == second
+
+
+def test_a_job_that_fails_says_why(running: Service, tmp_path: Path) -> None:
+    points = np.zeros((40, 3))
+    points[:, 0] = np.linspace(0, 1, 40)
+    write(tmp_path / "line.ply", PointCloud(points=points))
+    job = running.wait_status(running.submit(tmp_path / "line.ply")["id"], "succeeded", "failed")
+    response = running.client.get(f"/jobs/{job['id']}/result")
+    if job["status"] == "succeeded":  # degenerate, but a finite result is as good
+        assert np.isfinite(_read(response, tmp_path).points).all()
+    else:
+        assert job["problem"]["instance"] == f"/jobs/{job['id']}"
+        assert (response.status_code, response.json()["code"]) == (409, "job_failed")
+        assert response.json()["cause"] == job["problem"]["code"]
+
+
+def test_deleting_a_finished_job(running: Service, small: Path) -> None:
+    job = running.wait_status(running.submit(small)["id"], "succeeded")
+    folder = running.data / "jobs" / job["id"]
+    assert {path.name for path in folder.iterdir()} == {"upload", "result.ply", "result.npz"}
+    assert running.client.delete(f"/jobs/{job['id']}").status_code == 204
+    assert not folder.exists()
+    for path in (f"/jobs/{job['id']}", f"/jobs/{job['id']}/result"):
+        response = running.client.get(path)
+        assert (response.status_code, response.json()["code"]) == (404, "job_not_found")
+
+
+def test_cancelling_a_queued_and_a_running_job(running: Service, tmp_path: Path) -> None:
+    path = write_sphere(tmp_path / "large.ply", 60_000)
+    live, queued = running.submit(path), running.submit(path)
+    running.wait_status(live["id"], "running")
+    early = running.client.get(f"/jobs/{live['id']}/result")
+    assert (early.status_code, early.json()["code"]) == (409, "job_not_finished")
+    assert "retry-after" in early.headers
+    response = running.client.delete(f"/jobs/{queued['id']}")
+    assert (response.status_code, response.json()["status"]) == (200, "cancelled")
+    response = running.client.delete(f"/jobs/{live['id']}")
+    assert (response.status_code, response.json()["status"]) == (202, "cancelling")
+    ended = running.wait_status(live["id"], "cancelled", "succeeded", seconds=15)
+    assert ended["status"] == "cancelled"
+    assert ended["progress"]["done"] < 60_000
+    for job in (live, queued):
+        gone = running.client.get(f"/jobs/{job['id']}/result")
+        assert (gone.status_code, gone.json()["code"]) == (410, "job_cancelled")
+        assert not (running.data / "jobs" / job["id"]).exists()
+        assert running.client.delete(f"/jobs/{job['id']}").status_code == 204
+
+
+def test_list(running: Service, done: dict[str, Any]) -> None:
+    jobs = running.client.get("/jobs", params={"limit": 100}).json()
+    assert done["id"] in [job["id"] for job in jobs]
+    assert [job["created_at"] for job in jobs] == sorted((job["created_at"] for job in jobs), reverse=True)
+    older = running.client.get("/jobs", params={"before": jobs[0]["id"], "limit": 1}).json()
+    assert older[0]["id"] == jobs[1]["id"]
+    for query in ("limit=0", "limit=101", "before=x", "page=2"):
+        assert running.client.get(f"/jobs?{query}").json()["code"] == "invalid_parameters"
+
+
+def test_models(running: Service) -> None:
+    models = {model["name"]: model for model in running.client.get("/models").json()}
+    assert models["pcdnf-lite"]["default"] is True
+    info = Denoiser.load("pcdnf-lite", device="cpu").info
+    assert info is not None
+    for name in ("kind", "licence", "version", "sha256", "recipe", "training"):
+        assert models["pcdnf-lite"][name] == getattr(info, name)
+
+
+def test_probes(running: Service) -> None:
+    assert running.client.get("/livez").json() == {"status": "alive"}
+    ready = running.client.get("/readyz").json()
+    assert ready["status"] == "ready"
+    assert ready["workers"][0]["state"] == "ready"
+    assert ready["workers"][0]["device_requested"] == "auto"
+    assert ready["workers"][0]["model"] == "pcdnf-lite"
+    assert ready["free_bytes"] > 0
+    assert running.client.get("/docs").status_code == 200
+    assert running.client.get("/").headers["location"] == "/docs"
+
+
+def test_never_ready_without_a_worker(api: httpx.Client) -> None:
+    response = api.get("/readyz")
+    assert (response.status_code, response.json()["code"]) == (503, "not_ready")
+    assert response.json()["detail"] == "No worker is running."
+    assert api.get("/livez").status_code == 200
+
+
+def test_expired(make_api: Any, small: Path) -> None:
+    api = make_api(job_ttl=0.01)
+    job = api.post("/denoise", files={"file": small.read_bytes()}).json()
+    assert api.delete(f"/jobs/{job['id']}").status_code == 200
+    for path in (f"/jobs/{job['id']}", f"/jobs/{job['id']}/result"):
+        response = api.get(path)
+        assert (response.status_code, response.json()["code"]) == (410, "job_expired")
+
+
+def test_too_many_at_a_time(make_api: Any) -> None:
+    api = make_api(max_requests=1)
+    body = iter([b"ply\n"])
+
+    def slow() -> Any:
+        yield from body
+        busy = api.get("/jobs")
+        assert (busy.status_code, busy.json()["code"]) == (503, "too_busy")
+        assert busy.headers["retry-after"]
+        assert api.get("/livez").status_code == 200
+
+    api.post("/denoise", content=slow(), headers={"Content-Type": "application/ply"})
+    assert api.get("/jobs").status_code == 200
+
+
+def test_the_api_process_has_neither_torch_nor_readers() -> None:
+    code = (
+        "import sys, service.server, service.catalogue; service.server.create_app(); service.catalogue.shipped();"
+        "print({'torch', 'numba', 'scipy', 'pcdnf.formats', 'pcdnf.denoiser'} & set(sys.modules))"
+    )
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert output.strip() == "set()"
+
+
+def test_the_running_api_has_no_torch(running: Service, done: dict[str, Any]) -> None:
+    assert done["status"] == "succeeded"
+    maps = Path(f"/proc/{running.child('service.server')}/maps").read_text()
+    assert "libtorch" not in maps
+    assert "libtorch" in Path(f"/proc/{running.child('service.worker')}/maps").read_text()
+
+
+def test_openapi_shows_every_route_and_error(running: Service) -> None:
+    document = running.client.get("/openapi.json").json()
+    assert document["openapi"].startswith("3.1")
+    assert set(document["paths"]) == {"/denoise", "/jobs", "/jobs/{job_id}", "/jobs/{job_id}/result", "/models",
+                                      "/livez", "/readyz"}  # fmt: skip
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            errors = {status: body for status, body in operation["responses"].items() if status[0] in "45"}
+            assert {"500", "503"} <= set(errors), path
+            for body in errors.values():
+                assert list(body["content"]) == ["application/problem+json"]
+    assert "multipart/form-data" in document["paths"]["/denoise"]["post"]["requestBody"]["content"]
