@@ -1,4 +1,4 @@
-"""Place and order of a cloud: its frame of reference in float64, its points along a space-filling curve."""
+"""A cloud on its way through a denoiser: frame of reference in float64, spatial order, tiles and their results."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import PcdnfError
+from .patches import PatchSource
 
 SMALLEST_EXTENT, LARGEST_EXTENT = 1e-12, 1e12
 """Bounding-box diagonals accepted, in the file's unit."""
+TILE = 16384
+"""Points a tile."""
 
 
 class CloudError(PcdnfError):
@@ -83,3 +86,50 @@ def spatial_order(local: NDArray[np.float64], bits: int = 10) -> NDArray[np.int6
 def tiles(count: int, size: int) -> list[tuple[int, int]]:
     """Ranges (start, stop) of ``size`` that cover ``count``."""
     return [(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+class Cloud:
+    """A cloud made ready for one iteration.
+
+    Attributes
+    ----------
+    points : ndarray, (N, 3) float64
+        As given.
+    normals : ndarray, (N, 3) float32
+        Raw normals.
+    frame : Frame
+    source : PatchSource
+    order : ndarray, (N,) int64
+        Indices along a space-filling curve; a tile is a range of it.
+    """
+
+    def __init__(
+        self, points: NDArray[np.float64], normals: NDArray[np.float32], frame: Frame, source: PatchSource
+    ) -> None:
+        self.points, self.normals, self.frame, self.source = points, normals, frame, source
+        self.order = spatial_order(source.points)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def tiles(self, size: int = TILE) -> list[tuple[int, int]]:
+        """Ranges (start, stop) of ``order`` that cover the cloud."""
+        return tiles(len(self), size)
+
+
+@dataclass(frozen=True)
+class TileResult:
+    """Result of the points ``cloud.order[start:stop]``, in that order.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 3) float64
+        In the unit and coordinates of the input.
+    normals : ndarray, (n, 3) float32
+    flagged : ndarray, (n,) bool
+        Points returned as they came.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float32]
+    flagged: NDArray[np.bool_]

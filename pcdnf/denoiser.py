@@ -20,24 +20,25 @@ from torch import Tensor, nn
 
 from . import __version__
 from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
-from .cloud import CloudError as CloudError
-from .cloud import Frame, spatial_order, tiles
+from .cloud import Cloud, CloudError, Frame, TileResult
 from .device import choose_device, choose_precision
+from .folded import fold
 from .lite import LiteOutput
+from .memory import keep_freed_memory
 from .models import build_network
 from .network import PCDNF, NetworkOutput
-from .normals import pca_normals
+from .normals import raw_normals
 from .patches import Patches, PatchSource, Recipe
 
 BATCH = {"pcdnf": 32, "lite": 256}
 """Patches a batch on the CPU: temporaries stay in cache."""
 CUDA_BATCH = {"pcdnf": 256, "lite": 8192}
-TILE = 16384
-"""Points a tile."""
 FEWEST_NEIGHBOURS = 6
 """A point with fewer neighbours inside the patch is returned as it came, flagged: a quadric has six terms."""
 LONGEST_STEP = 1.0
 """Displacements end at the patch's border, in patch radii."""
+
+__all__ = ["Cloud", "CloudError", "DenoiseResult", "Denoiser", "Frame", "Stopped", "TileResult", "iteration_seed"]
 
 Progress = Callable[[int, int], None]
 ShouldStop = Callable[[], bool]
@@ -45,24 +46,6 @@ ShouldStop = Callable[[], bool]
 
 class Stopped(Exception):
     """The caller's ``should_stop`` said so."""
-
-
-@dataclass(frozen=True)
-class TileResult:
-    """Result of the points ``cloud.order[start:stop]``, in that order.
-
-    Attributes
-    ----------
-    points : ndarray, (n, 3) float64
-        In the unit and coordinates of the input.
-    normals : ndarray, (n, 3) float32
-    flagged : ndarray, (n,) bool
-        Points returned as they came.
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float32]
-    flagged: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -84,28 +67,6 @@ class DenoiseResult:
     normals: NDArray[np.float32]
     flagged: NDArray[np.bool_]
     metadata: dict[str, str] = field(default_factory=dict)
-
-
-class Cloud:
-    """A cloud made ready for one iteration. Attributes: ``points`` (N, 3) float64 as given, ``normals`` (N, 3)
-    float32 raw normals, ``order`` (N,) int64 along a space-filling curve, ``frame``."""
-
-    def __init__(
-        self,
-        points: NDArray[np.float64],
-        normals: NDArray[np.float32],
-        frame: Frame,
-        source: PatchSource,
-    ) -> None:
-        self.points, self.normals, self.frame, self.source = points, normals, frame, source
-        self.order = spatial_order(source.points)
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def tiles(self, size: int = TILE) -> list[tuple[int, int]]:
-        """Ranges (start, stop) of ``order`` that cover the cloud."""
-        return tiles(len(self), size)
 
 
 class Denoiser:
@@ -136,8 +97,10 @@ class Denoiser:
         self.kind = "pcdnf" if isinstance(network, PCDNF) else "lite"
         self.batch = (BATCH if device == "cpu" else CUDA_BATCH)[self.kind]
         dtype = torch.bfloat16 if precision == "bfloat16" else torch.float32
+        if device == "cpu":
+            keep_freed_memory()
         network.eval()
-        self._network = network.to(device)
+        self._network = fold(network.to(device), dtype) if isinstance(network, PCDNF) else network.to(device)
         self._autocast = self.kind == "lite" and dtype is torch.bfloat16
         self.minimum_points = FEWEST_NEIGHBOURS + 10
 
@@ -230,7 +193,12 @@ class Denoiser:
         frame = Frame.of(given) if frame is None else frame
         local = frame.to_local(given)
         tree = cKDTree(local)
-        raw = _raw_normals(local, normals, tree, should_stop)
+
+        def check() -> None:
+            if should_stop is not None and should_stop():
+                raise Stopped
+
+        raw = raw_normals(local, normals, tree=tree, check=check)
         source = PatchSource(local, raw, self.recipe, diagonal=1.0, seed=seed, tree=tree)
         return Cloud(given, raw, frame, source)
 
@@ -354,16 +322,6 @@ class Denoiser:
             "seed": str(seed),
         }
 
-    def first_pass(
-        self, points: NDArray[np.float64], normals: NDArray[np.float32], seed: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """One iteration of a crop whose cloud has diagonal 1, for training on a network's own output."""
-        cloud = self.prepare(points, normals, frame=Frame(np.zeros(3), 1.0), seed=seed)
-        tile = self.denoise_tile(cloud, 0, len(cloud))
-        result, turned = np.empty_like(tile.points), np.empty_like(tile.normals)
-        result[cloud.order], turned[cloud.order] = tile.points, tile.normals
-        return result, turned
-
 
 def iteration_seed(seed: int, iteration: int) -> int:
     """Seed of one iteration's random subsets."""
@@ -381,27 +339,3 @@ def _unit(normals: NDArray[np.floating], like: NDArray[np.floating]) -> NDArray[
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = normals / np.maximum(length, 1e-30)
     return np.where((normals * like).sum(1, keepdims=True) < 0, -normals, normals)
-
-
-def _raw_normals(
-    local: NDArray[np.float64],
-    normals: NDArray[np.floating] | None,
-    tree: cKDTree,
-    should_stop: ShouldStop | None,
-) -> NDArray[np.float32]:
-    """The caller's normals at unit length, PCA's where they are missing or unusable."""
-
-    def check() -> None:
-        if should_stop is not None and should_stop():
-            raise Stopped
-
-    if normals is None:
-        return pca_normals(local, tree=tree, check=check)
-    given = np.asarray(normals, np.float64)
-    length = np.linalg.norm(given, axis=1)
-    usable = np.isfinite(length) & (length > 1e-12)
-    if not usable.all():
-        given = np.where(usable[:, None], given, pca_normals(local, tree=tree, check=check))
-        length = np.where(usable, length, 1.0)
-    unit: NDArray[np.float32] = (given / length[:, None]).astype(np.float32)
-    return unit

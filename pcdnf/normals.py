@@ -1,4 +1,4 @@
-"""Initial normals by principal component analysis of the k nearest neighbours."""
+"""Initial normals: the caller's, or by principal component analysis of the k nearest neighbours."""
 
 from __future__ import annotations
 
@@ -52,3 +52,38 @@ def pca_normals(
         index = np.asarray(index, np.int64).reshape(-1, k)
         normals[start : start + CHUNK] = principal_axes(located, index)[:, 2]
     return normals
+
+
+def raw_normals(
+    points: NDArray[np.float64],
+    given: NDArray[np.floating] | None,
+    *,
+    tree: cKDTree,
+    check: Callable[[], None] | None = None,
+) -> NDArray[np.float32]:
+    """The caller's normals at unit length, PCA's where there are none.
+
+    Parameters
+    ----------
+    points : ndarray, (N, 3) float64
+    given : ndarray, (N, 3) float, optional
+        Of any length; a row that is zero or not finite counts as missing.
+    tree : cKDTree
+        Of the points.
+    check : callable, optional
+        See :func:`pca_normals`.
+
+    Returns
+    -------
+    ndarray, (N, 3) float32
+    """
+    if given is None:
+        return pca_normals(points, tree=tree, check=check)
+    normals = np.asarray(given, np.float64)
+    length = np.linalg.norm(normals, axis=1)
+    usable = np.isfinite(length) & (length > 1e-12)
+    if not usable.all():
+        normals = np.where(usable[:, None], normals, pca_normals(points, tree=tree, check=check))
+        length = np.where(usable, length, 1.0)
+    unit: NDArray[np.float32] = (normals / length[:, None]).astype(np.float32)
+    return unit

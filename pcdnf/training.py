@@ -18,12 +18,15 @@ from typing import Any
 import numba
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from .checkpoint import save_checkpoint
+from .denoiser import Denoiser, Frame
 from .losses import LossWeights, angle_degrees, normal_loss, ortho_loss, point_terms
+from .memory import keep_freed_memory
 from .models import DEFAULTS, Defaults, build_network
 from .training_data import Batch, BatchStream, FirstPass, TrainingCloud, sample_batch
 
@@ -103,6 +106,7 @@ class Trainer:
     """One run; see the module's docstring for its folder."""
 
     def __init__(self, options: Options) -> None:
+        keep_freed_memory()
         torch.set_num_threads(options.threads)
         numba.set_num_threads(options.threads)
         torch.manual_seed(options.seed)
@@ -235,15 +239,26 @@ class Trainer:
         self._save_state()
 
     def _first_pass(self) -> FirstPass:
-        from .denoiser import Denoiser
-
         name = self.options.first_pass
         assert name is not None
         if name == "self":
-            denoiser = Denoiser(self.average, self.defaults.recipe)
-        else:
-            denoiser = Denoiser.load(name, device="cpu", precision="float32")
-        return denoiser.first_pass
+            return first_pass(Denoiser(self.average, self.defaults.recipe))
+        return first_pass(Denoiser.load(name, device="cpu", precision="float32"))
+
+
+def first_pass(denoiser: Denoiser) -> FirstPass:
+    """One iteration of a crop whose cloud has diagonal 1, as the second iteration will see it."""
+
+    def apply(
+        points: NDArray[np.float64], normals: NDArray[np.float32], seed: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        cloud = denoiser.prepare(points, normals, frame=Frame(np.zeros(3), 1.0), seed=seed)
+        tile = denoiser.denoise_tile(cloud, 0, len(cloud))
+        moved, turned = np.empty_like(tile.points), np.empty_like(tile.normals)
+        moved[cloud.order], turned[cloud.order] = tile.points, tile.normals
+        return moved, turned
+
+    return apply
 
 
 def validation_batches(kind: str, patches: int) -> list[Batch]:

@@ -40,7 +40,11 @@ def test_local_coordinates_are_relative_to_the_centre_and_padding_is_the_origin(
     wanted = POINTS[np.where(INDEX < 0, INDEX[:, :1], INDEX)]
     assert np.abs(back - wanted).max() < 1e-5
     assert (turned[..., 2] >= 0).all()
-    assert np.allclose(np.linalg.norm(turned, axis=-1), np.linalg.norm(NORMALS[np.where(INDEX < 0, INDEX[:, :1], INDEX)], axis=-1), rtol=1e-5)
+    assert np.allclose(
+        np.linalg.norm(turned, axis=-1),
+        np.linalg.norm(NORMALS[np.where(INDEX < 0, INDEX[:, :1], INDEX)], axis=-1),
+        rtol=1e-5,
+    )
 
 
 def test_a_patch_is_the_same_in_any_batch() -> None:
