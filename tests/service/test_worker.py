@@ -46,11 +46,10 @@ def test_require_gpu_refuses(tmp_path: Path) -> None:
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize(("name", "value", "word"), [("device", "cuda:99", "cuda:99"), ("default_model", "x", "'x'")])
-def test_a_device_or_model_that_is_not_there(tmp_path: Path, name: str, value: str, word: str) -> None:
-    ended = _worker(tmp_path, **{name: value})
+def test_a_device_that_is_not_there(tmp_path: Path) -> None:
+    ended = _worker(tmp_path, device="cuda:99")
     assert ended.returncode == EX_CONFIG
-    assert word in ended.stderr
+    assert "cuda:99" in ended.stderr
     assert "Traceback" not in ended.stderr
 
 
