@@ -29,6 +29,7 @@ _MAX_DIRECTORY_BYTES = 64 * 1024
 _END = struct.Struct("<4s4H2IH")
 _ENTRY = struct.Struct("<4s6H3I5H2I")
 _LOCAL = struct.Struct("<4s5H3I2H")
+_LOCATOR_BYTES = 20  # of the zip64 end record, which stands before the end record
 _STORED, _DEFLATED = 0, 8
 _ENCRYPTED = 0x2041  # flag bits 0, 6, 13
 _UTF8 = 0x0800
@@ -68,7 +69,8 @@ def _directory(file: BinaryIO, size: int) -> tuple[bytes, int, int]:
             hint="The file is cut off: copy or export it again.",
         )
     _, disk, first_disk, here, count, length, start, _ = _END.unpack_from(tail, found)
-    if 0xFFFF in (here, count) or 0xFFFFFFFF in (length, start):
+    has_locator = tail[max(found - _LOCATOR_BYTES, 0) : found].startswith(b"PK\x06\x07")
+    if has_locator or 0xFFFF in (here, count) or 0xFFFFFFFF in (length, start):
         _zip64()
     end = size - len(tail) + found + _END.size
     if end != size:

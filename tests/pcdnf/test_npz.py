@@ -459,6 +459,8 @@ def test_zip64_is_refused_whatever_it_says(refused: Refused) -> None:
     assert refused(patched(honest, offset=0xFFFFFFFF)).code == "unsupported_zip64"
     end = honest.index(b"PK\x05\x06")
     assert refused(honest[: end + 16] + b"\xff" * 4 + honest[end + 20 :]).code == "unsupported_zip64"
+    located = honest[:end] + b"PK\x06\x07" + bytes(16) + honest[end:]
+    assert refused(located).code == "unsupported_zip64"
     entry = honest.index(b"PK\x01\x02")
     longer = bytearray(honest[:end] + struct.pack("<HHQ", 1, 8, 2**40) + honest[end:])
     struct.pack_into("<H", longer, entry + 30, 12)

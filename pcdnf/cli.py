@@ -1,0 +1,57 @@
+"""``pcdnf``: the command line.
+
+Each command is a function ``add_<name>(subparsers)`` that adds its parser and sets ``run``, a function of the
+parsed arguments that returns the exit status. Packages add theirs through the entry-point group
+``pcdnf.commands``. Nothing heavy is imported before a command runs.
+
+Exit status: 0 done, 2 refused (one line on standard error says why and what to do), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+
+from . import __version__
+from .commands import add_denoise, add_evaluate, add_import_weights, add_models, add_train
+from .errors import PcdnfError
+
+COMMAND_GROUP = "pcdnf.commands"
+REFUSED = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = build_parser(command=next((word for word in given if not word.startswith("-")), None)).parse_args(given)
+    try:
+        status: int = options.run(options)
+    except PcdnfError as error:
+        print(f"pcdnf: {error}{f' {error.hint}' if error.hint else ''}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("pcdnf: Interrupted.", file=sys.stderr)
+        return INTERRUPTED
+    return status
+
+
+def build_parser(command: str | None = None) -> argparse.ArgumentParser:
+    """The parser of all commands; only ``command`` is completed where that costs an import of torch."""
+    parser = argparse.ArgumentParser(prog="pcdnf", description="Denoise point clouds: PCDNF (TVCG 2023).")
+    parser.add_argument("--version", action="version", version=f"pcdnf {__version__}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    add_denoise(subparsers)
+    for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda entry: entry.name):
+        entry.load()(subparsers)
+    add_evaluate(subparsers)
+    add_models(subparsers)
+    add_train(subparsers, complete=command == "train")
+    add_import_weights(subparsers)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
