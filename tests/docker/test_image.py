@@ -66,10 +66,18 @@ def test_version_label_is_the_version() -> None:
     assert f"\nARG VERSION={__version__}\n" in DOCKERFILE
 
 
-@pytest.mark.parametrize("script", ["entrypoint", "install-dependencies", "make-base", "../scripts/build-image"])
+@pytest.mark.parametrize(
+    "script",
+    ["entrypoint", "install-dependencies", "install-package", "kernel-cpu", "make-base", "../scripts/build-image"],
+)
 def test_scripts_parse_and_can_be_executed(script: str) -> None:
     assert os.access(DOCKER / script, os.X_OK)
     subprocess.run(["sh", "-n", DOCKER / script], check=True)
+
+
+def test_kernels_are_for_a_kind_of_cpu_that_llvm_knows() -> None:
+    kind = subprocess.run([DOCKER / "kernel-cpu"], check=True, capture_output=True, text=True).stdout.strip()
+    assert kind in ("x86-64-v3", "x86-64-v4", "generic")
 
 
 def test_build_script_refuses_another_target() -> None:
