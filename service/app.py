@@ -246,8 +246,9 @@ async def _accept(request: Request, state: State, owner: str) -> Job:
     settings = state.settings
     query = request.query_params.multi_items()
     job_parameters(query, settings)  # before the body is read
-    if state.storage.free_bytes() < settings.min_free_bytes:
-        raise Problem("disk_full", "There is not enough disk space for an upload.", headers={"Retry-After": "60"})
+    expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
+    if state.storage.free_bytes() < settings.min_free_bytes + expected:
+        raise uploads.disk_full()
     path = state.storage.scratch()
     upload = await uploads.receive(request, path, settings)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import re
 import time
@@ -68,11 +69,29 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
         path.unlink(missing_ok=True)
         if isinstance(error, ClientDisconnect):
             raise Problem("bad_request", "The connection closed before the upload was complete.") from error
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise disk_full() from error
         raise
     if upload.size == 0:
         path.unlink(missing_ok=True)
         raise Problem("empty_upload", "The upload has no bytes.", hint="Send a PLY or NPZ file.")
     return upload
+
+
+def disk_full() -> Problem:
+    """Return the problem of an upload that does not fit on the disk."""
+    return Problem(
+        "disk_full",
+        "There is not enough disk space for the upload.",
+        hint="Try again later.",
+        headers={"Retry-After": "60"},
+    )
+
+
+def declared_bytes(request: Request) -> int:
+    """Return the Content-Length of a request, 0 where it is not known."""
+    declared = request.headers.get("content-length", "")
+    return int(declared) if declared.isascii() and declared.isdigit() else 0
 
 
 def _check_headers(request: Request, content_type: str, settings: Settings) -> None:
@@ -85,12 +104,9 @@ def _check_headers(request: Request, content_type: str, settings: Settings) -> N
             hint=f"Send multipart/form-data with a part named `file`, or the file itself as {' or '.join(RAW_TYPES)}.",
             headers={"Accept-Post": ", ".join(("multipart/form-data", *RAW_TYPES))},
         )
-    declared = request.headers.get("content-length", "")
-    if not declared.isascii() or not declared.isdigit():
-        return
     overhead = MULTIPART_OVERHEAD if content_type == "multipart/form-data" else 0
-    if int(declared) > settings.max_upload_bytes + overhead:
-        raise _too_large(settings, int(declared))
+    if declared_bytes(request) > settings.max_upload_bytes + overhead:
+        raise _too_large(settings, declared_bytes(request))
 
 
 class _Sink:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import httpx
 import pytest
@@ -88,3 +89,9 @@ def test_codes_are_snake_case_and_statuses_real() -> None:
         assert re.fullmatch(r"[a-z]+(_[a-z]+)*", code)
         assert 400 <= status <= 599
         assert title
+
+
+def test_every_code_is_documented() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
+    for code, (status, title) in CATALOGUE.items():
+        assert f"| `{code}` | {status} | {title} |" in page, code

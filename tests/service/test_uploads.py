@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import gzip
 import json
 import socket
@@ -221,3 +222,15 @@ def test_no_disk_space(make_api: MakeApi, small: Path) -> None:
     response = make_api(min_free_bytes=10**18).post("/denoise", files={"file": small.read_bytes()})
     assert (response.status_code, response.json()["code"]) == (503, "disk_full")
     assert "retry-after" in response.headers
+
+
+def test_disk_that_fills_up_meanwhile(
+    make_api: MakeApi, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("service.uploads._write", full)
+    response = make_api().post("/denoise", files={"file": small.read_bytes()})
+    assert (response.status_code, response.json()["code"]) == (503, "disk_full")
+    assert not list((tmp_path / "data" / "scratch").iterdir())
