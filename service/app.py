@@ -230,7 +230,7 @@ def _shown(request: Request, state: State, job: Job, status: int) -> Response:
     outlook = state.jobs.outlook(job)
     response = JSONResponse(job_view(job, outlook).model_dump(mode="json"), status_code=status)
     if job.live:
-        response.headers["Retry-After"] = retry_after(outlook)
+        response.headers["Retry-After"] = "1" if job.status == "cancelling" else retry_after(outlook)
     if status == 200 and request.method == "GET":
         etag = f'"{hashlib.sha256(response.body).hexdigest()[:32]}"'
         if etag in [tag.strip() for tag in request.headers.get("if-none-match", "").split(",")]:

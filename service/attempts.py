@@ -61,11 +61,11 @@ class Attempts:
             connection.execute(table.update().where(table.c.id == job_id).values(**values))
 
     def wanted(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
-        """Report progress and return whether the job is still wanted; False once it was cancelled."""
+        """Report progress, which never goes back, and return whether the job is still wanted: not once cancelled."""
         query = (
             table.update()
             .where(table.c.id == job_id, table.c.status.in_(("running", "cancelling")))
-            .values(done=done, points_per_second=points_per_second)
+            .values(done=sa.case((table.c.done > done, table.c.done), else_=done), points_per_second=points_per_second)
             .returning(table.c.status)
         )
         with self._engine.begin() as connection:

@@ -13,6 +13,8 @@ def test_an_attempt_runs_the_job(board: Board) -> None:
     assert opened.started_at is not None
     assert board.attempts.wanted(job.id, done=10, points_per_second=5.0)
     assert (board.now(job).done, board.now(job).points_per_second) == (10, 5.0)
+    assert board.attempts.wanted(job.id, done=3, points_per_second=5.0)
+    assert board.now(job).done == 10  # a second attempt prepares the cloud anew, but nothing is lost
     assert board.attempts.live() == [job.id]
     assert board.attempts.succeed(job.id, {"ply": {}}, ["careful"])
     ended = board.now(job)
