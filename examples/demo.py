@@ -81,10 +81,8 @@ def report(before: PointCloud, after: PointCloud, clean: PointCloud | None) -> l
     if clean is not None:
         for label, cloud in (("before", before), ("after", after)):
             scores = score(cloud.points, cloud.normals, clean.points, clean.normals)
-            normals = "" if scores.normal_mean is None else f"   normals {scores.normal_mean:.1f} degrees off"
-            lines.append(
-                f"{label:<7} CD {scores.chamfer_distance:6.2f} e-5   P2S {scores.point_to_surface:6.2f} e-3{normals}"
-            )
+            line = f"{label:<7} CD {scores.chamfer_distance:6.2f} e-5   P2S {scores.point_to_surface:6.2f} e-3"
+            lines.append(line if scores.normal_mean is None else f"{line}   normals {scores.normal_mean:.1f} degrees")
     return lines
 
 
