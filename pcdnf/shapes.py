@@ -95,6 +95,8 @@ def _solid(rng: Generator, count: int) -> CleanCloud | None:
         result = solid + part if choice < 0.45 else solid - part if choice < 0.9 else solid ^ part
         if not result.is_empty() and result.volume() > 0.02:
             solid = result
+    if solid.is_empty():
+        return None
     mesh = solid.to_mesh()
     surface = trimesh.Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts, process=True)
     points, faces = trimesh.sample.sample_surface(surface, count, seed=rng)

@@ -1,7 +1,9 @@
+import manifold3d
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from pcdnf import shapes
 from pcdnf.shapes import random_shape
 
 SHAPES = [random_shape(np.random.default_rng(seed), 4000) for seed in range(6)]
@@ -27,3 +29,10 @@ def test_normals_are_those_of_the_surface(shape) -> None:  # type: ignore[no-unt
 
 def test_a_seed_is_a_shape() -> None:
     assert np.array_equal(SHAPES[2].points, random_shape(np.random.default_rng(2), 4000).points)
+
+
+def test_an_empty_solid_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = shapes._primitive
+    made = iter(["empty"] * 9)
+    monkeypatch.setattr(shapes, "_primitive", lambda rng: manifold3d.Manifold() if next(made, None) else whole(rng))
+    assert random_shape(np.random.default_rng(3), 1000).points.shape == (1000, 3)
