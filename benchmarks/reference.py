@@ -27,10 +27,13 @@ def neighbours(x: Tensor, index: Tensor) -> Tensor:
 
 
 def edges(x: Tensor, k: int) -> Tensor:
-    """x (B, C, M) -> concat(x_j - x_i, x_i), (B, 2 C, M, k)."""
-    near = neighbours(x, nearest(x, k))
-    own = x[..., None].expand_as(near)
-    return torch.cat([near - own, own], 1)
+    """x (B, C, M) -> concat(x_j - x_i, x_i), (B, 2 C, M, k); after DGCNN's ``get_graph_feature``."""
+    B, C, M = x.shape
+    index = nearest(x, k) + torch.arange(B, device=x.device)[:, None, None] * M
+    rows = x.transpose(1, 2).reshape(B * M, C)
+    near = rows[index.flatten()].view(B, M, k, C)
+    own = rows.view(B, M, 1, C).expand(-1, -1, k, -1)
+    return torch.cat([near - own, own], -1).permute(0, 3, 1, 2).contiguous()
 
 
 def conv1(channels: int, out: int) -> nn.Sequential:

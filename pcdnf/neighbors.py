@@ -52,11 +52,13 @@ def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
             queries = torch.arange(N, dtype=torch.int32).expand(B, N)
         index = torch.empty(B, queries.shape[1], k, dtype=torch.int32)
         rows = queries.to(torch.int32).numpy()
-        _share_threads()
+        share_threads()
         if C == 3:
             selection.select_coordinates(x.numpy(), rows, index.numpy())
         else:
-            selection.select_features(_gram(x).numpy(), rows, index.numpy())
+            gram = _gram(x)
+            squares = gram.diagonal(dim1=1, dim2=2).contiguous()
+            selection.select_features(gram.numpy(), squares.numpy(), rows, index.numpy())
     return index
 
 
@@ -136,9 +138,12 @@ def _check(x: Tensor, k: int) -> None:
         raise ValueError(f"A graph of {k} neighbours needs at least {k} points; the patch has {x.shape[1]}.")
 
 
-def _share_threads() -> None:
+def share_threads() -> None:
     """The kernels take as many threads as torch was given."""
-    numba.set_num_threads(min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    threads = torch.get_num_threads()
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    if torch.get_num_threads() != threads:  # Numba's first launch sets OpenMP's number, which is torch's, to all cores
+        torch.set_num_threads(threads)
 
 
 class _GatherMax(torch.autograd.Function):
@@ -146,7 +151,7 @@ class _GatherMax(torch.autograd.Function):
     def forward(ctx: Any, values: Tensor, index: Tensor) -> Tensor:
         values, index = values.contiguous(), index.contiguous()
         out = values.new_empty(index.shape[0], index.shape[1], values.shape[2])
-        _share_threads()
+        share_threads()
         if ctx.needs_input_grad[0]:
             winner = torch.empty(out.shape, dtype=torch.int32)
             kernels.gather_argmax(_array(values), index.numpy(), out.numpy(), winner.numpy())
@@ -160,7 +165,7 @@ class _GatherMax(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
         (winner,) = ctx.saved_tensors
         out = torch.zeros(winner.shape[0], ctx.points, winner.shape[2])
-        _share_threads()
+        share_threads()
         kernels.gather_argmax_backward(_array(grads[0].float().contiguous()), winner.numpy(), out.numpy())
         return out, None
 
@@ -170,7 +175,7 @@ class _GatherMean(torch.autograd.Function):
     def forward(ctx: Any, values: Tensor, index: Tensor) -> Tensor:
         values, index = values.contiguous(), index.contiguous()
         out = values.new_empty(index.shape[0], index.shape[1], values.shape[2])
-        _share_threads()
+        share_threads()
         kernels.gather_mean(_array(values), index.numpy(), out.numpy())
         ctx.save_for_backward(index)
         ctx.points = values.shape[1]
@@ -181,7 +186,7 @@ class _GatherMean(torch.autograd.Function):
         (index,) = ctx.saved_tensors
         grad = grads[0].float().contiguous()
         out = torch.zeros(index.shape[0], ctx.points, grad.shape[2])
-        _share_threads()
+        share_threads()
         kernels.gather_mean_backward(_array(grad), index.numpy(), out.numpy())
         return out, None
 

@@ -28,7 +28,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .fit import fit_quadric
+from .fit import QuadricFit, fit_quadric
 from .neighbors import gather_max, gather_mean, gather_points, knn
 
 SLOPE = 0.2  # of every LeakyReLU
@@ -276,6 +276,11 @@ class Decoder(nn.Module):
         return displacement, normal
 
 
+def anchor(points: Tensor, weight: Tensor) -> QuadricFit:
+    """The fit that the decoders correct: points (B, M, 3), weight (B, M)."""
+    return fit_quadric(points, weight + ANCHOR_FLOOR, ridge=points.new_tensor(ANCHOR_RIDGE))
+
+
 class PCDNF(nn.Module):
     """Joint denoising and normal filtering of patches.
 
@@ -342,3 +347,9 @@ class PCDNF(nn.Module):
             centre = points.square().sum(-1).argmin(1, keepdim=True)
             normal = gather_points(normals, centre)[:, 0]
         return NetworkOutput(displacement, normal, weight, selected, refined_points, refined_normals)
+
+    def folded(self, dtype: torch.dtype = torch.float32) -> nn.Module:
+        """The network for inference with its present weights; see ``pcdnf.folded.fold``."""
+        from .folded import fold
+
+        return fold(self, dtype)

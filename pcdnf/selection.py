@@ -9,7 +9,7 @@ For a query's N keys (smaller is nearer) it takes four steps, none of which depe
 3. the indices of the keys up to that bound, by comparing 64 keys at a time;
 4. the rank of each among them, by counting; equal keys rank by index.
 
-The steps stand on five LLVM vector operations, which LLVM maps to whatever the processor has. They live in this file
+The steps stand on a few LLVM vector operations, which LLVM maps to whatever the processor has. They live in this file
 because Numba's cache notices changes only in the file of a kernel.
 """
 
@@ -22,6 +22,7 @@ import numba
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import extending, types
+from numba.core import cgutils
 from numpy.typing import NDArray
 
 Float = NDArray[np.float32]
@@ -32,6 +33,8 @@ GROUPS = 32
 MOST = GROUPS
 """Largest k."""
 WORD = 64
+UNROLLED = 4
+"""Hits taken at a time: most words have no more, and the processor need not guess."""
 
 intrinsic: Any = extending.intrinsic
 _jit: Any = numba.njit(parallel=True, cache=True, nogil=True)
@@ -83,26 +86,42 @@ def _mask_up_to(typing: Any, array: Any, start: Any, bound: Any) -> tuple[Any, C
 
 @intrinsic
 def _first_bit(typing: Any, bits: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """Index of the lowest set bit."""
+    """Index of the lowest set bit, 64 without one."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
 
     return types.int64(types.uint64), codegen
 
 
 @intrinsic
-def _keep_smaller(typing: Any, low: Any, i: Any, array: Any, j: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """low[i : i + 16] becomes its minimum with array[j : j + 16]."""
+def _count_bits(typing: Any, bits: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
+    """Number of set bits."""
+
+    def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        return builder.ctpop(args[0])
+
+    return types.int64(types.uint64), codegen
+
+
+@intrinsic
+def _group_minima(typing: Any, keys: Any, length: Any, low: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
+    """Step 1: low[g] becomes the minimum of keys[g], keys[g + 32], ...; length is a multiple of 32."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        target = _vector(context, builder, signature.args[0], args[0], args[1], LANES)
-        source = _vector(context, builder, signature.args[2], args[2], args[3], LANES)
-        a, b = builder.load(target, align=4), builder.load(source, align=4)
-        builder.store(builder.select(builder.fcmp_ordered("<", b, a), b, a), target, align=4)
+        lanes = ir.VectorType(ir.FloatType(), GROUPS)
+        total = cgutils.alloca_once(builder, lanes)
+        builder.store(ir.Constant(lanes, [float("inf")] * GROUPS), total)
+        with cgutils.for_range(builder, builder.udiv(args[1], args[1].type(GROUPS))) as loop:
+            start = builder.mul(loop.index, args[1].type(GROUPS))
+            a = builder.load(_vector(context, builder, signature.args[0], args[0], start, GROUPS), align=4)
+            b = builder.load(total)
+            builder.store(builder.select(builder.fcmp_ordered("<", a, b), a, b), total)
+        target = _vector(context, builder, signature.args[2], args[2], args[1].type(0), GROUPS)
+        builder.store(builder.load(total), target, align=4)
         return context.get_dummy_value()
 
-    return types.void(low, types.int64, array, types.int64), codegen
+    return types.void(keys, types.int64, low), codegen
 
 
 @intrinsic
@@ -122,41 +141,34 @@ def _order(typing: Any, array: Any, i: Any, j: Any) -> tuple[Any, Callable[..., 
 
 
 @intrinsic
-def _count_before(
-    typing: Any,  # noqa: ARG001
-    ranks: Any,
-    keys: Any,
-    start: Any,  # noqa: ARG001
-    key: Any,  # noqa: ARG001
-    place: Any,  # noqa: ARG001
-) -> tuple[Any, Callable[..., Any]]:
-    """Adds one to the ranks (int32) of the 16 keys from ``start`` on that come after ``key`` at ``place``."""
+def _rank(typing: Any, keys: Any, count: Any, ranks: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
+    """ranks (int32) of the first ``count`` keys among themselves; both arrays have room for whole lanes."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        lanes = ir.VectorType(ir.IntType(32), LANES)
-        keys = builder.load(_vector(context, builder, signature.args[1], args[1], args[2], LANES), align=4)
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        target = builder.bitcast(builder.gep(data, [args[2]]), ir.PointerType(lanes))
-        key = _splat(builder, args[3], LANES)
-        ahead = _splat(builder, builder.trunc(builder.sub(args[4], args[2]), ir.IntType(32)), LANES)
-        later = builder.icmp_signed(">", ir.Constant(lanes, list(range(LANES))), ahead)
-        tie = builder.and_(builder.fcmp_ordered("==", key, keys), later)
-        after = builder.or_(builder.fcmp_ordered("<", key, keys), tie)
-        builder.store(builder.add(builder.load(target, align=4), builder.zext(after, lanes)), target, align=4)
+        lanes, word = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)
+        key_data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        rank_data = context.make_array(signature.args[2])(context, builder, args[2]).data
+        size = args[1].type
+        blocks = builder.udiv(builder.add(args[1], size(LANES - 1)), size(LANES))
+        total = cgutils.alloca_once(builder, lanes)
+        with cgutils.for_range(builder, blocks) as block:
+            start = builder.mul(block.index, size(LANES))
+            own = builder.load(_vector(context, builder, signature.args[0], args[0], start, LANES), align=4)
+            places = builder.add(
+                _splat(builder, builder.trunc(start, word), LANES), ir.Constant(lanes, list(range(LANES)))
+            )
+            builder.store(ir.Constant(lanes, [0] * LANES), total)
+            with cgutils.for_range(builder, args[1]) as other:
+                key = _splat(builder, builder.load(builder.gep(key_data, [other.index])), LANES)
+                later = builder.icmp_signed(">", places, _splat(builder, builder.trunc(other.index, word), LANES))
+                tie = builder.and_(builder.fcmp_ordered("==", key, own), later)
+                before = builder.or_(builder.fcmp_ordered("<", key, own), tie)
+                builder.store(builder.sub(builder.load(total), builder.sext(before, lanes)), total)
+            target = builder.bitcast(builder.gep(rank_data, [start]), ir.PointerType(lanes))
+            builder.store(builder.load(total), target, align=4)
         return context.get_dummy_value()
 
-    return types.void(ranks, keys, types.int64, types.float32, types.int64), codegen
-
-
-@_inline
-def _group_minima(keys: Any, low: Any, minima: Any, lane: int) -> None:
-    """Step 1: keys (P,) -> column ``lane`` of minima (GROUPS x LANES, flat)."""
-    low[:] = np.inf
-    for start in range(0, keys.shape[0], GROUPS):
-        _keep_smaller(low, 0, keys, start)
-        _keep_smaller(low, LANES, keys, start + LANES)
-    for group in range(GROUPS):
-        minima[group * LANES + lane] = low[group]
+    return types.void(keys, types.int64, ranks), codegen
 
 
 @_inline
@@ -166,10 +178,12 @@ def _take(keys: Any, bound: Any, found: Any, found_keys: Any, ranks: Any, row: A
     count = 0
     for start in range(0, keys.shape[0], WORD):
         mask = _mask_up_to(keys, start, bound)
-        while mask:
-            found[count] = start + _first_bit(mask)
-            count += 1
-            mask &= mask - np.uint64(1)
+        hits = _count_bits(mask)
+        for taken in range(0, hits, UNROLLED):  # writes past the hits are overwritten later
+            for t in range(UNROLLED):
+                found[count + taken + t] = start + _first_bit(mask)
+                mask &= mask - np.uint64(1)
+        count += hits
     if count > 4 * LANES:  # many keys equal the bound: the first k of them suffice
         count = 0
         ties = 0
@@ -180,21 +194,15 @@ def _take(keys: Any, bound: Any, found: Any, found_keys: Any, ranks: Any, row: A
                 count += 1
     for a in range(count):
         found_keys[a] = keys[found[a]]
-    padded = (count + LANES - 1) // LANES * LANES
-    for a in range(count, padded):
-        found_keys[a] = np.inf
-    ranks[:padded] = 0
-    for a in range(count):
-        for start in range(0, padded, LANES):
-            _count_before(ranks, found_keys, start, found_keys[a], a)
+    _rank(found_keys, count, ranks)
     for a in range(count):
         if ranks[a] < k:
             row[ranks[a]] = found[a]
 
 
 @_jit
-def select_features(gram: Float, queries: Index, index: Index) -> None:
-    """The k nearest points from inner products: gram (B, N, N), queries (B, Q) -> index (B, Q, k).
+def select_features(gram: Float, squares: Float, queries: Index, index: Index) -> None:
+    """The k nearest points from inner products: gram (B, N, N), its diagonal (B, N), queries (B, Q) -> index (B, Q, k).
 
     The rank of candidate q for point p is that of ``|q|^2 - 2 p.q``: the term ``|p|^2`` is the same for all.
     """
@@ -205,20 +213,19 @@ def select_features(gram: Float, queries: Index, index: Index) -> None:
     for job in numba.prange(B * blocks):
         b, first = job // blocks, job % blocks * LANES
         keys = np.full((LANES, padded), np.inf, np.float32)
-        squares = np.empty(N, np.float32)
-        for j in range(N):
-            squares[j] = gram[b, j, j]
         low = np.empty(GROUPS, np.float32)
         minima = np.full(GROUPS * LANES, np.inf, np.float32)
         rows = min(LANES, Q - first)
         for lane in range(rows):
             p = queries[b, first + lane]
-            products = gram[b, p]
+            products, own = gram[b, p], squares[b]
             row_keys = keys[lane]
             for j in range(N):
-                row_keys[j] = squares[j] - np.float32(2.0) * products[j]
+                row_keys[j] = own[j] - np.float32(2.0) * products[j]
             row_keys[p] = -np.inf
-            _group_minima(row_keys, low, minima, lane)
+            _group_minima(row_keys, padded, low)
+            for group in range(GROUPS):
+                minima[group * LANES + lane] = low[group]
         _finish(keys, minima, queries[b, first : first + rows], index[b, first : first + rows])
 
 
@@ -248,7 +255,9 @@ def select_coordinates(points: Float, queries: Index, index: Index) -> None:
                 dx, dy, dz = xs[j] - x, ys[j] - y, zs[j] - z
                 row_keys[j] = dx * dx + dy * dy + dz * dz
             row_keys[p] = -np.inf
-            _group_minima(row_keys, low, minima, lane)
+            _group_minima(row_keys, padded, low)
+            for group in range(GROUPS):
+                minima[group * LANES + lane] = low[group]
         _finish(keys, minima, queries[b, first : first + rows], index[b, first : first + rows])
 
 

@@ -1,0 +1,139 @@
+"""The layers that a folded network is made of: linear layers with BatchNorm inside, EdgeConvs, neighbour graphs.
+
+Everything here runs on the CPU and in inference. ``torch.ops.mkldnn`` is what torch's own compiler calls for a linear
+layer with an activation; ``pyproject.toml`` pins the version of torch it was checked with.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from . import fused, selection
+from .network import SLOPE, ChannelNorm, Conv1x1, EdgeConv
+
+Part = TypeVar("Part", bound=nn.Module)
+
+ONEDNN = bool(torch.backends.mkldnn.is_available())  # type: ignore[no-untyped-call]
+PACKED_ROWS = 4096
+"""Rows of the inputs that packed weights are laid out for; any number works."""
+
+
+class Affine:
+    """``activation(x W^T + b)`` as one product.
+
+    Parameters
+    ----------
+    weight : Tensor (out, in)
+    bias : Tensor (out,), optional
+    dtype : torch.dtype
+        Of input and output, float32 or bfloat16.
+    slope : float, optional
+        Of the LeakyReLU behind it; 0 is ReLU, None no activation.
+    pack : bool
+        Lay the weights out for oneDNN now, where this build of torch has it; not worth it for a single use.
+    """
+
+    def __init__(
+        self,
+        weight: Tensor,
+        bias: Tensor | None,
+        dtype: torch.dtype,
+        slope: float | None = None,
+        *,
+        pack: bool = True,
+    ) -> None:
+        self.weight = weight.to(dtype).contiguous()
+        self.bias = None if bias is None else bias.to(dtype)
+        self.slope = slope
+        if pack and ONEDNN:
+            self.weight = torch.ops.mkldnn._reorder_linear_weight(self.weight, PACKED_ROWS)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        if ONEDNN:
+            name, scalars = ("none", []) if self.slope is None else ("leaky_relu", [self.slope])
+            out: Tensor = torch.ops.mkldnn._linear_pointwise(x, self.weight, self.bias, name, scalars, "")
+            return out
+        out = F.linear(x, self.weight, self.bias)
+        return out if self.slope is None else F.leaky_relu_(out, self.slope)
+
+
+def whole(part: Part | None) -> Part:
+    """A part that a whole network has."""
+    assert part is not None
+    return part
+
+
+def scale_shift(norm: ChannelNorm) -> tuple[Tensor, Tensor]:
+    """BatchNorm in inference as ``scale * x + shift``."""
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+    return scale, norm.bias - scale * norm.running_mean
+
+
+def conv(conv: Conv1x1, dtype: torch.dtype, *, activate: bool = True) -> Affine:
+    scale, shift = scale_shift(conv.norm)
+    return Affine(scale[:, None] * conv.linear.weight, shift, dtype, conv.slope if activate else None)
+
+
+class Edges:
+    """Folded EdgeConv: both linear layers as one product, and the scale of the gathered maximum."""
+
+    def __init__(self, conv: EdgeConv, dtype: torch.dtype) -> None:
+        scale, shift = scale_shift(conv.norm)
+        weight = torch.cat([conv.neighbour.weight, scale[:, None] * conv.centre.weight])
+        self.project = Affine(weight, torch.cat([torch.zeros_like(shift), shift]), dtype)
+        self.scale = scale.numpy()
+        self.dtype = dtype
+
+    def __call__(self, x: Tensor, graph: Tensor) -> Tensor:
+        """x (B * N, C), graph (B, N, k) -> (B, N, out)."""
+        B, N, k = graph.shape
+        channels = len(self.scale)
+        out = torch.empty(B, N, channels, dtype=self.dtype)
+        projected = bare(self.project(x).view(B, N, 2 * channels))
+        fused.edge_conv(projected, 0, channels, graph.numpy(), k, self.scale, SLOPE, bare(out), 0)
+        return out
+
+
+def feature_graph(x: Tensor, k: int) -> Tensor:
+    """x (B, N, C) -> nearest points in feature space (B, N, k), int32."""
+    B, N, C = x.shape
+    centred = torch.empty(B, N, C)
+    fused.centre(bare(x), centred.numpy())
+    graph = torch.empty(B, N, k, dtype=torch.int32)
+    rows = everyone(1, N)
+    for b in range(B):  # one matrix of inner products at a time stays in the cache until it is read
+        gram = Affine(centred[b], None, torch.float32, pack=False)(centred[b])  # (N, N)
+        squares = gram.diagonal().contiguous()
+        selection.select_features(gram[None].numpy(), squares[None].numpy(), rows, graph[b : b + 1].numpy())
+    return graph
+
+
+def coordinate_graph(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
+    """x (B, N, 3) -> nearest points (B, Q, k), int32."""
+    B, N, _ = x.shape
+    rows = everyone(B, N) if queries is None else queries.numpy()
+    graph = torch.empty(B, rows.shape[1], k, dtype=torch.int32)
+    selection.select_coordinates(x.numpy(), rows, graph.numpy())
+    return graph
+
+
+def everyone(B: int, N: int) -> np.ndarray[Any, np.dtype[np.int32]]:
+    return np.ascontiguousarray(np.broadcast_to(np.arange(N, dtype=np.int32), (B, N)))
+
+
+def pool(x: Tensor) -> Tensor:
+    """x (B, N, C) -> maximum over N (B, C), float32."""
+    out = torch.empty(x.shape[0], x.shape[2])
+    fused.pool(bare(x), out.numpy())
+    return out
+
+
+def bare(x: Tensor) -> np.ndarray[Any, Any]:
+    return (x.view(torch.uint16) if x.dtype is torch.bfloat16 else x).numpy()
