@@ -1,9 +1,11 @@
 """Patches per second of the network: edge-building form, folded float32, folded bfloat16, in turns.
 
-    python benchmarks/throughput.py [--rounds 7] [--batch 64] [--threads 2]
+    python benchmarks/throughput.py [--rounds 7] [--batch 32] [--threads 2]
 
 The forms take turns within each round, so that whatever else the machine does hits all of them; the ratios are
-medians over the rounds. The breakdown times each module of the folded forms by itself.
+medians over the rounds, to the edge-building form in the same batches and in the small ones that suit its caches
+best. Measure on an idle machine: others' load slows forms with many short parallel loops most. The breakdown
+times each module of the folded forms by itself.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from pcdnf.network import PCDNF, NetworkConfig
 from pcdnf.release import convert_release
 
 MODULES = ("points", "normals", "score", "augment_points", "augment_normals", "coordinate", "normal")
-PLAIN_BATCH = 8  # the edges of more would not stay in the caches; it is the fastest for the plain form
+PLAIN_BATCH = 4
+"""The edges of more patches do not stay in the caches."""
 
 
 def random_patches(count: int, points: int = 512) -> tuple[Tensor, Tensor]:
@@ -84,7 +87,7 @@ def breakdown(network: FoldedPCDNF, points: Tensor, normals: Tensor) -> dict[str
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--batch", type=int, default=64, help="patches a round")
+    parser.add_argument("--batch", type=int, default=32, help="patches a round")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
@@ -96,27 +99,29 @@ def main() -> None:
     network.load_state_dict(convert_release(release))
     points, normals = random_patches(arguments.batch)
     forms = {
-        "edge-building float32": (plain, PLAIN_BATCH),
+        "edge-building": (plain, arguments.batch),
+        f"edge-building, by {PLAIN_BATCH}": (plain, PLAIN_BATCH),
         "unfolded float32": (network, arguments.batch),
         "folded float32": (network.folded(), arguments.batch),
         "folded bfloat16": (network.folded(torch.bfloat16), arguments.batch),
     }
-    for form, batch in forms.values():
+    for form, batch in forms.values():  # compile
         in_batches(form, points[:batch], normals[:batch], batch)
     rates: dict[str, list[float]] = {name: [] for name in forms}
     for _ in range(arguments.rounds):
         for name, (form, batch) in forms.items():
             rates[name].append(arguments.batch / timed(partial(in_batches, form, points, normals, batch)))
 
-    first = next(iter(forms))
+    same, small, *_ = rates.values()
     print(f"{arguments.threads} threads, {arguments.rounds} rounds of {arguments.batch} patches of 512 points")
     for name, values in rates.items():
-        ratios = [value / base for value, base in zip(values, rates[first], strict=True)]
-        print(f"{name:24}{median(values):8.1f} patches/s   {median(ratios):6.2f} x")
+        ratios = [median(value / base for value, base in zip(values, by, strict=True)) for by in (same, small)]
+        print(f"{name:22}{median(values):8.1f} patches/s {ratios[0]:7.2f} x {ratios[1]:7.2f} x")
     for name in ("folded float32", "folded bfloat16"):
+        torch.set_num_threads(1)
         runs = [breakdown(forms[name][0], points, normals) for _ in range(arguments.rounds)]
         parts = {part: median(run[part] for run in runs) for part in runs[0]}
-        print(f"{name}, us a patch: " + ", ".join(f"{part} {spent:.0f}" for part, spent in parts.items()))
+        print(f"{name}, us a patch on one thread: " + ", ".join(f"{part} {spent:.0f}" for part, spent in parts.items()))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from . import fused
-from .layers import Affine, Edges, bare, conv, coordinate_graph, feature_graph, pool, scale_shift, whole
+from .layers import Affine, Edges, bare, coordinate_graph, feature_graph, fold_conv, pool, scale_shift, whole
 from .network import (
     ANCHOR_REACH,
     PCDNF,
@@ -49,7 +49,7 @@ class _Extractor:
         self.weight = torch.cat(weights)  # (96, 3)
         self.bias = torch.cat([torch.zeros(48), shift1, shift2])
         self.scales = scale1.numpy(), scale2.numpy()
-        self.mix, self.lift = conv(extractor.mix, dtype), conv(extractor.lift, dtype)
+        self.mix, self.lift = fold_conv(extractor.mix, dtype), fold_conv(extractor.lift, dtype)
         self.feature = Edges(extractor.feature, dtype)
         first, last = extractor.head[0], extractor.head[2]
         assert isinstance(first, nn.Linear)
@@ -121,7 +121,7 @@ class _Head:
         first, second = regressor.reduce
         assert isinstance(first, Conv1x1)
         assert isinstance(second, Conv1x1)
-        self.layers = [conv(first, torch.float32), conv(second, torch.float32)]
+        self.layers = [fold_conv(first, torch.float32), fold_conv(second, torch.float32)]
         self.layers.append(Affine(regressor.out.weight, regressor.out.bias, torch.float32))
 
     def __call__(self, f: Tensor) -> Tensor:
@@ -146,8 +146,8 @@ class FoldedPCDNF(nn.Module):
         weight, bias = selector.score.linear.weight, scale_shift(selector.score.norm)
         # The guide kernel concatenates points, normals, angle, distance, as the selector does.
         self.score = Affine(bias[0][:, None] * weight, bias[1], dtype)
-        self.augment_points = conv(whole(refinement.point), dtype)
-        self.augment_normals = conv(whole(refinement.normal), dtype)
+        self.augment_points = fold_conv(whole(refinement.point), dtype)
+        self.augment_normals = fold_conv(whole(refinement.normal), dtype)
         self.coordinate = _CoordinateRegressor(whole(decoder.coordinate), dtype)
         self.normal = _NormalRegressor(whole(decoder.normal), dtype)
 
@@ -240,6 +240,6 @@ def fold(network: PCDNF, dtype: torch.dtype = torch.float32) -> nn.Module:
         raise ValueError(f"Fold to float32 or bfloat16; {dtype} has no kernels.")
     network = copy.deepcopy(network).eval().requires_grad_(False)
     config = network.config
-    whole = config.selector and config.refinement and config.point_branch and config.normal_branch
+    complete = config.selector and config.refinement and config.point_branch and config.normal_branch
     on_cpu = all(parameter.device.type == "cpu" for parameter in network.parameters())
-    return FoldedPCDNF(network, dtype) if whole and on_cpu else PlainInference(network, dtype)
+    return FoldedPCDNF(network, dtype) if complete and on_cpu else PlainInference(network, dtype)

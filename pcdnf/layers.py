@@ -76,9 +76,10 @@ def scale_shift(norm: ChannelNorm) -> tuple[Tensor, Tensor]:
     return scale, norm.bias - scale * norm.running_mean
 
 
-def conv(conv: Conv1x1, dtype: torch.dtype, *, activate: bool = True) -> Affine:
+def fold_conv(conv: Conv1x1, dtype: torch.dtype) -> Affine:
+    """A ``Conv1x1`` as one product."""
     scale, shift = scale_shift(conv.norm)
-    return Affine(scale[:, None] * conv.linear.weight, shift, dtype, conv.slope if activate else None)
+    return Affine(scale[:, None] * conv.linear.weight, shift, dtype, conv.slope)
 
 
 class Edges:
@@ -125,6 +126,7 @@ def coordinate_graph(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor
 
 
 def everyone(B: int, N: int) -> np.ndarray[Any, np.dtype[np.int32]]:
+    """Every point of B patches as a query, (B, N)."""
     return np.ascontiguousarray(np.broadcast_to(np.arange(N, dtype=np.int32), (B, N)))
 
 
@@ -136,4 +138,5 @@ def pool(x: Tensor) -> Tensor:
 
 
 def bare(x: Tensor) -> np.ndarray[Any, Any]:
+    """The memory of a tensor; bfloat16 as uint16."""
     return (x.view(torch.uint16) if x.dtype is torch.bfloat16 else x).numpy()

@@ -9,6 +9,7 @@ released code never runs are left out.
 from __future__ import annotations
 
 import pickle
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -131,7 +132,8 @@ def read_release(path: str | Path) -> dict[str, Tensor]:
     """
     cause: Exception | None = None
     try:
-        tensors = torch.load(path, map_location="cpu", weights_only=True)["state_dict"]
+        with warnings.catch_warnings(action="ignore"):  # torch remarks on pickles it did not write
+            tensors = torch.load(path, map_location="cpu", weights_only=True)["state_dict"]
         if all(isinstance(name, str) and isinstance(tensor, Tensor) for name, tensor in tensors.items()):
             return dict(tensors)
     except _UNREADABLE as error:

@@ -110,7 +110,7 @@ def _group_minima(typing: Any, keys: Any, length: Any, low: Any) -> tuple[Any, C
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         lanes = ir.VectorType(ir.FloatType(), GROUPS)
-        total = cgutils.alloca_once(builder, lanes)
+        total = cgutils.alloca_once(builder, lanes)  # type: ignore[no-untyped-call]
         builder.store(ir.Constant(lanes, [float("inf")] * GROUPS), total)
         with cgutils.for_range(builder, builder.udiv(args[1], args[1].type(GROUPS))) as loop:
             start = builder.mul(loop.index, args[1].type(GROUPS))
@@ -150,7 +150,7 @@ def _rank(typing: Any, keys: Any, count: Any, ranks: Any) -> tuple[Any, Callable
         rank_data = context.make_array(signature.args[2])(context, builder, args[2]).data
         size = args[1].type
         blocks = builder.udiv(builder.add(args[1], size(LANES - 1)), size(LANES))
-        total = cgutils.alloca_once(builder, lanes)
+        total = cgutils.alloca_once(builder, lanes)  # type: ignore[no-untyped-call]
         with cgutils.for_range(builder, blocks) as block:
             start = builder.mul(block.index, size(LANES))
             own = builder.load(_vector(context, builder, signature.args[0], args[0], start, LANES), align=4)

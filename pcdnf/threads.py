@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
+import numba
 import torch
 
 from .neighbors import share_threads
@@ -28,7 +29,8 @@ def in_parallel(work: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) ->
     """
     share_threads()
     threads = torch.get_num_threads()
-    if threads == 1 or len(jobs) == 1:
+    layer = numba.threading_layer()  # type: ignore[attr-defined]
+    if threads == 1 or len(jobs) == 1 or layer == "workqueue":  # which bears no more than one caller
         return [work(*job) for job in jobs]
     if threads not in _pools:
         _pools[threads] = ThreadPoolExecutor(threads, thread_name_prefix="pcdnf")
