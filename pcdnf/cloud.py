@@ -12,6 +12,8 @@ from .patches import PatchSource
 
 SMALLEST_EXTENT, LARGEST_EXTENT = 1e-12, 1e12
 """Bounding-box diagonals accepted, in the file's unit."""
+TAIL = 0.005
+"""Share of points beyond the box of a frame, at either end of each axis."""
 TILE = 16384
 """Points a tile."""
 
@@ -22,7 +24,11 @@ class CloudError(PcdnfError):
 
 @dataclass(frozen=True)
 class Frame:
-    """Centre (3,) float64 and bounding-box diagonal of a cloud: local = (world - centre) / diagonal."""
+    """Centre (3,) float64 and diagonal of a cloud: local = (world - centre) / diagonal.
+
+    The box leaves out half a per cent of the points at either end of each axis: the patch radius is a share of
+    the object's size, which neither noise nor a far outlier may change.
+    """
 
     centre: NDArray[np.float64]
     diagonal: float
@@ -44,19 +50,23 @@ class Frame:
                 code="nonfinite",
                 hint="Remove those points first.",
             )
-        diagonal = float(np.linalg.norm(high - low))
-        if diagonal == 0:
+        extent = float(np.linalg.norm(high - low))
+        if extent == 0:
             raise CloudError(
                 "All points of the cloud are equal.", code="zero_extent", hint="Check how the file was written."
             )
-        if not SMALLEST_EXTENT <= diagonal <= LARGEST_EXTENT:
+        if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT:
             raise CloudError(
-                f"The cloud's bounding-box diagonal is {diagonal:.3g}; it must lie between {SMALLEST_EXTENT:g} and"
+                f"The cloud's bounding-box diagonal is {extent:.3g}; it must lie between {SMALLEST_EXTENT:g} and"
                 f" {LARGEST_EXTENT:g}.",
                 code="extent_out_of_range",
                 hint="Change the unit of the coordinates, or remove far outliers.",
             )
-        return cls(low + (high - low) / 2, diagonal)
+        inner_low, inner_high = np.quantile(points, (TAIL, 1 - TAIL), axis=0)
+        diagonal = float(np.linalg.norm(inner_high - inner_low))
+        if diagonal < extent * 1e-6:  # nearly all points are equal
+            return cls(low + (high - low) / 2, extent)
+        return cls(inner_low + (inner_high - inner_low) / 2, diagonal)
 
     def to_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """World coordinates (N, 3) to centred ones of diagonal 1."""

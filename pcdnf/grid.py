@@ -11,9 +11,13 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+CROWD = 2000
+"""Points in an average point's cell from which the grid keeps a random subset: a patch draws from those
+anyway, and time and memory stay linear in the cloud."""
+
 
 class BallGrid:
-    """Ball queries of one fixed radius.
+    """Ball queries of one fixed radius; see ``CROWD`` for what happens to dense clouds.
 
     Parameters
     ----------
@@ -28,8 +32,10 @@ class BallGrid:
         cells = np.floor((points - self._origin) / self.radius).astype(np.int64)
         self._dims = cells.max(0) + 1
         keys = (cells[:, 0] * self._dims[1] + cells[:, 1]) * self._dims[2] + cells[:, 2]
-        self.order = np.argsort(keys, kind="stable")
-        self._keys, self._starts = np.unique(keys[self.order], return_index=True)
+        support = _support(keys)
+        self.order = support[np.argsort(keys[support], kind="stable")]
+        keys = keys[self.order]
+        self._keys, self._starts = np.unique(keys, return_index=True)
         self._starts = np.append(self._starts, len(keys))
         self._points = np.ascontiguousarray(points[self.order], dtype=np.float64)
 
@@ -78,6 +84,16 @@ class BallGrid:
             out,
         )
         return out
+
+
+def _support(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Points the grid holds: all, or a random subset where balls would hold thousands."""
+    _, counts = np.unique(keys, return_counts=True)
+    crowd = float((counts.astype(np.float64) ** 2).sum() / len(keys))  # points in the cell of an average point
+    if crowd <= CROWD:
+        return np.arange(len(keys))
+    rng = np.random.default_rng(0)
+    return np.sort(rng.choice(len(keys), max(1, int(len(keys) * CROWD / crowd)), replace=False))
 
 
 @nb.njit(cache=True, nogil=True)

@@ -11,7 +11,7 @@ POINTS = np.random.default_rng(0).normal(size=(500, 3))
 def test_local_coordinates_have_diagonal_one_at_any_place_and_scale() -> None:
     utm = POINTS * 30 + [448_000.12, 4_480_000.37, 12.5]
     local = Frame.of(utm).to_local(utm)
-    assert np.isclose(np.linalg.norm(np.ptp(local, axis=0)), 1)
+    assert np.isclose(np.linalg.norm(np.diff(np.quantile(local, (0.005, 0.995), axis=0), axis=0)), 1)
     assert np.abs(local - Frame.of(POINTS).to_local(POINTS)).max() < 1e-9
 
 
@@ -50,3 +50,18 @@ def test_spatial_order_is_a_permutation_that_keeps_neighbours_together() -> None
 def test_tiles_cover_everything_once() -> None:
     assert tiles(10, 4) == [(0, 4), (4, 8), (8, 10)]
     assert tiles(4, 4) == [(0, 4)]
+
+
+def test_noise_and_outliers_hardly_change_the_diagonal() -> None:
+    rng = np.random.default_rng(0)
+    cube = rng.uniform(-0.5, 0.5, (20_000, 3))
+    cube[np.arange(20_000), rng.integers(3, size=20_000)] = rng.choice([-0.5, 0.5], 20_000)
+    noisy = cube + rng.normal(size=cube.shape) * 0.02
+    noisy[7] = [1e6, 0, 0]
+    assert abs(Frame.of(noisy).diagonal / Frame.of(cube).diagonal - 1) < 0.08
+
+
+def test_a_few_points_beside_many_equal_ones_still_have_a_frame() -> None:
+    points = np.zeros((1000, 3))
+    points[:3] = np.eye(3)
+    assert np.isclose(Frame.of(points).diagonal, np.sqrt(3))

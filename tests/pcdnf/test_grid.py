@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pcdnf.grid import BallGrid
+from pcdnf.grid import CROWD, BallGrid
 
 POINTS = np.random.default_rng(0).uniform(size=(4000, 3)) * [1, 0.7, 0.05]
 IDS = np.arange(0, 4000, 37)
@@ -44,3 +44,17 @@ def test_the_inner_ball_is_left_out(inner: float) -> None:
     distance = np.linalg.norm(POINTS[found[found >= 0]] - POINTS[0], axis=1)
     assert distance.min() > inner
     assert distance.max() <= 0.1
+
+
+def test_a_crowd_is_thinned_to_a_random_subset() -> None:
+    crowd = np.random.default_rng(1).uniform(size=(60_000, 3)) * [0.3, 0.3, 0.01]
+    crowd[0] = [1e6, 0, 0]  # and an outlier does not make one ball of everything
+    grid = BallGrid(crowd, 0.1)
+    assert (
+        0.9 * CROWD
+        < (np.unique(np.floor(crowd[grid.order] / 0.1), axis=0, return_counts=True)[1] ** 2).sum() / len(grid.order)
+        < 1.1 * CROWD
+    )
+    found = grid.subset(crowd[5:9], np.arange(5, 9), 500, seed=0)
+    assert (found >= 0).all()
+    assert np.linalg.norm(crowd[found] - crowd[5:9, None], axis=-1).max() <= 0.1
