@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # several processes share the cores: none may spin
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
