@@ -111,3 +111,14 @@ def test_files_named_exist(services: dict[str, Any]) -> None:
     for service in services.values():
         assert (ROOT / service["build"]["dockerfile"]).is_file()
     assert (ROOT / "docker" / "nginx.conf").is_file()
+
+
+def test_every_variable_is_documented() -> None:
+    page = (ROOT / "docs" / "containers.md").read_text()
+    for name in re.findall(r"\$\{([A-Z_]+)", BASE.read_text()):
+        assert f"`{name}`" in page
+    for path in (PUBLIC, POSTGRES):
+        text = path.read_text()
+        head = text[: text.index("services:")]
+        for name in re.findall(r"\$\{([A-Z_]+):\?", text):
+            assert f"#   {name} " in head, path.name
