@@ -5,23 +5,19 @@ forms (``knn_plain`` and so on) run on any device and are what the tests hold th
 same graph: a point is its own first neighbour, the others follow by distance, of equal distances the lower
 index first; so the graph of k neighbours is the prefix of any larger one. In three dimensions distances come
 from differences, in feature space from inner products. All of it is float32, whatever autocast says.
+
+The kernels are compiled on first use and kept beside the package, or where it cannot be written in the user's cache
+folder; ``NUMBA_CACHE_DIR`` names another place.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
-from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import torch
 from torch import Tensor
-
-if not os.access(Path(__file__).parent, os.W_OK):  # a read-only install keeps its compiled kernels elsewhere
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"pcdnf-numba-{os.getuid()}"))
-
-import numba
 
 from . import kernels, selection
 
