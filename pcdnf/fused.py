@@ -105,11 +105,13 @@ def edge_conv(
 @_inline
 def _refine(hidden: Any, weight: Any, bias: Any, x: Any, out: Any) -> None:
     """Last layer of an extractor's head: hidden (., C) and weight (3, C) -> out (3,), added to the input x."""
-    for axis in range(3):
-        total = bias[axis]
-        for c in range(weight.shape[1]):
-            total += _wide(hidden[c]) * weight[axis, c]
-        out[axis] = x[axis] + total
+    t0, t1, t2 = bias[0], bias[1], bias[2]
+    for c in range(weight.shape[1]):
+        h = _wide(hidden[c])
+        t0 += h * weight[0, c]
+        t1 += h * weight[1, c]
+        t2 += h * weight[2, c]
+    out[0], out[1], out[2] = x[0] + t0, x[1] + t1, x[2] + t2
 
 
 @_jit
