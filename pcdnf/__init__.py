@@ -25,7 +25,7 @@ _HOMES = {
     "Stopped": "denoiser",
     "PointCloud": "formats",
 }
-__all__ = ["DenoiseResult", "Denoiser", "PointCloud", "Stopped", "__version__"]  # noqa: F822
+__all__ = ["DenoiseResult", "Denoiser", "PointCloud", "Stopped", "__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ import argparse
 import json
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,9 @@ class Options:
         Model whose first iteration prepares a share of the clouds; "self" is the network in training.
     first_pass_share : float
     seed : int
-    validation_patches : int
+    validation_patches, validation_clouds : int
+    pool : int
+        Clouds held in memory at once.
     """
 
     kind: str
@@ -68,6 +70,8 @@ class Options:
     first_pass_share: float = 0.4
     seed: int = 0
     validation_patches: int = 2048
+    validation_clouds: int = 12
+    pool: int = 64
 
 
 def learning_rate(peak: float, progress: float) -> float:
@@ -107,8 +111,8 @@ class Trainer:
 
     def __init__(self, options: Options) -> None:
         keep_freed_memory()
-        torch.set_num_threads(options.threads)
         numba.set_num_threads(options.threads)
+        torch.set_num_threads(options.threads)  # last: Numba's first launch may reset it
         torch.manual_seed(options.seed)
         self.options = options
         self.defaults: Defaults = DEFAULTS[options.kind]
@@ -193,11 +197,12 @@ class Trainer:
     def run(self) -> None:
         """Train until the budget is spent; safe to kill and to start again."""
         options, defaults = self.options, self.defaults
-        validation = validation_batches(options.kind, options.validation_patches)
+        validation = validation_batches(options.kind, options.validation_patches, options.validation_clouds)
         stream = BatchStream(
             defaults.recipe,
             seed=(options.seed + 7919 * self.step) % VALIDATION_SEED,
             batch=defaults.batch,
+            pool=options.pool,
             fresh_every=defaults.fresh_every,
         )
         mean: dict[str, float] = {}
@@ -261,12 +266,12 @@ def first_pass(denoiser: Denoiser) -> FirstPass:
     return apply
 
 
-def validation_batches(kind: str, patches: int) -> list[Batch]:
+def validation_batches(kind: str, patches: int, clouds: int) -> list[Batch]:
     """Fixed patches of held-out shapes, the same for every run of a kind."""
     rng = np.random.default_rng(VALIDATION_SEED)
-    clouds = [TrainingCloud(rng, DEFAULTS[kind].recipe, None) for _ in range(12)]
+    pool = [TrainingCloud(rng, DEFAULTS[kind].recipe, None) for _ in range(clouds)]
     size = min(256, patches)
-    return [sample_batch(clouds, rng, size, 8, 0.25) for _ in range(max(1, patches // size))]
+    return [sample_batch(pool, rng, size, 8, 0.25) for _ in range(max(1, patches // size))]
 
 
 @torch.no_grad()
@@ -297,11 +302,12 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--first-pass-share", type=float, default=0.4)
     parser.add_argument("--save-every", type=float, default=150.0, metavar="SECONDS")
     parser.add_argument("--validation-patches", type=int, default=2048)
+    parser.add_argument("--validation-clouds", type=int, default=12)
+    parser.add_argument("--pool", type=int, default=64, help="training clouds held in memory at once")
     parser.add_argument("--seed", type=int, default=0)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run ``pcdnf train`` with parsed arguments."""
-    names = ("kind", "folder", "minutes", "threads", "save_every", "first_pass", "first_pass_share", "seed")
-    values = {name: getattr(arguments, name) for name in names}
-    Trainer(Options(**values, validation_patches=arguments.validation_patches)).run()
+    values = {field.name: getattr(arguments, field.name) for field in fields(Options)}
+    Trainer(Options(**values)).run()

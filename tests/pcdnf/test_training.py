@@ -1,0 +1,119 @@
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pcdnf import Denoiser
+from pcdnf.lite import LiteConfig, PCDNFLite
+from pcdnf.models import DEFAULTS
+from pcdnf.training import Options, Trainer, first_pass, learning_rate, total_loss, validate
+from pcdnf.training_data import Batch, TrainingCloud, sample_batch
+
+RECIPE = DEFAULTS["lite"].recipe
+
+
+@pytest.fixture(scope="module")
+def clouds() -> list[TrainingCloud]:
+    rng = np.random.default_rng(5)
+    return [TrainingCloud(rng, RECIPE, None) for _ in range(2)]
+
+
+@pytest.fixture(scope="module")
+def batch(clouds: list[TrainingCloud]) -> Batch:
+    return sample_batch(clouds, np.random.default_rng(0), 64, 2, 0.25)
+
+
+def test_a_batch_is_patches_with_their_clean_surface(batch: Batch) -> None:
+    assert batch.points.shape == batch.normals.shape == batch.clean_points.shape == (64, 128, 3)
+    assert torch.equal(batch.points[:, 0], torch.zeros(64, 3))
+    assert batch.points.norm(dim=-1).max() <= 1 + 1e-5
+    assert batch.normals[..., 2].min() >= 0
+    for normals in (batch.surface.normals, batch.clean_normals):
+        assert torch.allclose(normals.norm(dim=-1), torch.ones(()), atol=1e-4)
+    distance = batch.surface.points.norm(dim=-1).min(1).values  # of the noisy centre to the clean surface
+    assert distance.max() <= (batch.points - batch.clean_points).norm(dim=-1)[:, 0].max() + 1e-5
+
+
+def test_a_first_pass_is_cut_from_the_middle_of_a_crop() -> None:
+    seen = []
+
+    def move(points: np.ndarray, normals: np.ndarray, _: int) -> tuple[np.ndarray, np.ndarray]:
+        seen.append(len(points))
+        return points, normals
+
+    cloud = TrainingCloud(np.random.default_rng(7), RECIPE, move)
+    assert seen == [len(cloud.noisy)]
+    assert 0 < len(cloud.centres) < len(cloud.noisy)
+    assert np.linalg.norm(np.ptp(cloud.noisy[cloud.centres], axis=0)) < 4 * RECIPE.radius * np.sqrt(3)
+
+
+def test_first_pass_of_a_denoiser_is_its_first_iteration(clouds: list[TrainingCloud]) -> None:
+    denoiser = Denoiser.load("pcdnf-lite", device="cpu")
+    points = clouds[0].noisy[:600]
+    moved, normals = first_pass(denoiser)(points, np.tile(np.float32([0, 0, 1]), (600, 1)), 3)
+    assert moved.shape == (600, 3)
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+
+
+def test_every_term_of_the_loss_counts(batch: Batch) -> None:
+    torch.manual_seed(0)
+    output = PCDNFLite(LiteConfig(width=8))(batch.points, batch.normals)
+    weights = DEFAULTS["lite"].losses
+    whole, watched = total_loss(output, batch, weights)
+    assert set(watched) == {"loss", "point", "nearest", "angle"}
+    assert math.isclose(
+        whole.item(),
+        (
+            total_loss(output, batch, type(weights)(**(vars(weights) | {"point": 0.0})))[0] + 100 * watched["point"]
+        ).item(),
+        rel_tol=1e-5,
+    )
+
+
+def test_learning_rate_rises_and_falls_to_nothing() -> None:
+    rates = [learning_rate(1.0, progress) for progress in np.linspace(0, 1, 101)]
+    assert rates[0] == 0
+    assert max(rates) == pytest.approx(1, abs=1e-3)
+    assert np.argmax(rates) == 3
+    assert rates[-1] < 1e-5
+
+
+def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
+    def options(minutes: float) -> Options:
+        return Options(
+            kind="lite",
+            folder=tmp_path,
+            minutes=minutes,
+            save_every=2,
+            validation_patches=256,
+            validation_clouds=2,
+            pool=2,
+        )
+
+    Trainer(options(0.1)).run()
+    first = Trainer(options(0.1))
+    assert first.step > 3
+    assert first.elapsed >= 6
+    Trainer(options(0.25)).run()
+    again = Trainer(options(0.25))
+    assert again.step > first.step
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    validations = [line["validation"] for line in lines if "validation" in line]
+    assert validations[-1]["point"] < validations[0]["point"] * 1.02
+    denoiser = Denoiser.load(tmp_path / "model.safetensors", device="cpu")
+    assert denoiser.info is not None
+    assert denoiser.info.training["patches"] == denoiser.info.training["steps"] * 256
+    for old, new in zip(again.network.parameters(), first.network.parameters(), strict=True):
+        assert old.shape == new.shape
+    moments = again.optimizer.state[next(again.network.parameters())]
+    assert moments["exp_avg_sq"].max() > 0
+
+
+def test_validation_is_of_the_network_as_it_is(batch: Batch) -> None:
+    trained = Denoiser.load("pcdnf-lite", device="cpu")._network
+    scores, fresh = validate(trained, [batch]), validate(PCDNFLite(), [batch])
+    assert scores["point"] < fresh["point"]
+    assert scores["angle"] < fresh["angle"]
