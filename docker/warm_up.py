@@ -1,4 +1,7 @@
-"""Compile every kernel that denoising needs into ``NUMBA_CACHE_DIR``: one small cloud through each model."""
+"""Compile every kernel that denoising needs into ``NUMBA_CACHE_DIR``: one small cloud through each model.
+
+In both precisions, because the machine that builds the image and the one that runs it may differ in which they take.
+"""
 
 from __future__ import annotations
 
@@ -6,4 +9,5 @@ from pcdnf.checkpoint import available_models
 from pcdnf.denoiser import Denoiser
 
 for model in available_models():
-    Denoiser.load(model.name, device="cpu").warm_up()
+    for precision in ("float32", "bfloat16"):
+        Denoiser.load(model.name, device="cpu", precision=precision).warm_up()
