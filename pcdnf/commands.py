@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from . import DEFAULT_ITERATIONS
 from .errors import PcdnfError
 from .formats import Limits, PointCloud, read, write
 
@@ -34,7 +35,13 @@ def add_denoise(subparsers: Subparsers) -> None:
     )
     parser.add_argument("input", type=Path, help="PLY (text or binary) or NPZ with `points`")
     parser.add_argument("-o", "--output", type=Path, required=True, help="written as the input was, or as .ply, .npz")
-    parser.add_argument("--iterations", type=_positive, default=1, metavar="N", help="passes over the cloud (1)")
+    parser.add_argument(
+        "--iterations",
+        type=_positive,
+        default=DEFAULT_ITERATIONS,
+        metavar="N",
+        help="passes over the cloud (%(default)s)",
+    )
     parser.add_argument("--model", metavar="M", help="a name that `pcdnf models` lists, or a .safetensors file")
     parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
     parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])

@@ -8,6 +8,8 @@ from typing import Any, Literal
 from fastapi import Request
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pcdnf import DEFAULT_ITERATIONS
+
 from . import catalogue
 from .problems import Problem, from_validation
 from .settings import Settings
@@ -20,7 +22,9 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    iterations: int = Field(1, ge=1, description="Passes over the cloud; each starts from the result of the last")
+    iterations: int = Field(
+        DEFAULT_ITERATIONS, ge=1, description="Passes over the cloud; each starts from the result of the last"
+    )
     model: str = Field("", description="Name of a model of `GET /models`; empty for the default")
     seed: int = Field(0, ge=0, lt=SEED_LIMIT, description="Seed of every random choice")
     normals: Literal["pca", "input"] = Field(
