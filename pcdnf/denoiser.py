@@ -23,11 +23,12 @@ from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
 from .cloud import Cloud, CloudError, Frame, TileResult
 from .device import choose_device, choose_precision
 from .folded import fold
+from .frames import to_world
 from .lite import LiteOutput
 from .memory import keep_freed_memory
 from .models import build_network
 from .network import PCDNF, NetworkOutput
-from .normals import raw_normals
+from .normals import raw_normals, unit_towards
 from .patches import Patches, PatchSource, Recipe
 
 BATCH = {"pcdnf": 32, "lite": 256}
@@ -230,7 +231,7 @@ class Denoiser:
             index = patches.index[: high - low]
             output = self.network(torch.from_numpy(patches.points), torch.from_numpy(patches.normals))
             move, normal = (
-                _to_world(local.float().cpu().numpy(), patches.frames)[: high - low]
+                to_world(local.float().cpu().numpy(), patches.frames)[: high - low]
                 for local in (output.displacement, output.normal)
             )
             raw = cloud.normals[index[:, 0]]
@@ -238,7 +239,7 @@ class Denoiser:
             length = np.linalg.norm(move, axis=1, keepdims=True)
             move *= np.minimum(1.0, LONGEST_STEP / np.maximum(length, LONGEST_STEP))
             moves[low:high] = np.where(lost[:, None], 0.0, move) * (cloud.source.radius * cloud.frame.diagonal)
-            normals[low:high] = _unit(np.where(lost[:, None], raw, normal), raw)
+            normals[low:high] = unit_towards(np.where(lost[:, None], raw, normal), raw)
             flagged[low:high] = lost
             if progress is not None:
                 progress(high)
@@ -326,16 +327,3 @@ class Denoiser:
 def iteration_seed(seed: int, iteration: int) -> int:
     """Seed of one iteration's random subsets."""
     return seed + iteration
-
-
-def _to_world(local: NDArray[np.float32], frames: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Vectors (B, 3) from patch frames to the world: F^T v."""
-    turned: NDArray[np.float64] = np.einsum("bi,bij->bj", local.astype(np.float64), frames.astype(np.float64))
-    return turned
-
-
-def _unit(normals: NDArray[np.floating], like: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Unit length, on the side of ``like``."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = normals / np.maximum(length, 1e-30)
-    return np.where((normals * like).sum(1, keepdims=True) < 0, -normals, normals)

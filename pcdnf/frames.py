@@ -84,6 +84,12 @@ def local_patches_torch(
     return local.float(), turned.float(), frames.float()
 
 
+def to_world(local: NDArray[np.float32], frames: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Vectors (B, 3) from patch frames (B, 3, 3) to the world, F^T v, in float64."""
+    turned: NDArray[np.float64] = np.einsum("bi,bij->bj", local.astype(np.float64), frames.astype(np.float64))
+    return turned
+
+
 @nb.njit(cache=True, nogil=True)
 def _axes(xx, xy, xz, yy, yz, zz, out):  # type: ignore[no-untyped-def]
     """Eigenvectors of a symmetric 3x3 matrix by cyclic Jacobi rotations, as rows, largest eigenvalue first."""

@@ -87,3 +87,9 @@ def raw_normals(
         length = np.where(usable, length, 1.0)
     unit: NDArray[np.float32] = (normals / length[:, None]).astype(np.float32)
     return unit
+
+
+def unit_towards(normals: NDArray[np.floating], like: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Normals (N, 3) at unit length, turned to the side of ``like`` (N, 3)."""
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return np.where((normals * like).sum(1, keepdims=True) < 0, -normals, normals)

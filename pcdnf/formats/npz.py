@@ -170,10 +170,11 @@ def write_npz(file: BinaryIO, cloud: PointCloud) -> list[str]:
     """
     compressed = not isinstance(cloud.flavour, NpzFlavour) or cloud.flavour.compressed
     method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+    write_array: Any = np.lib.format.write_array  # has no types before numpy 2.4
     with zipfile.ZipFile(file, "w") as archive:
         for name, array in npz_members(cloud).items():
             info = zipfile.ZipInfo(f"{name}.npy", _SAVED_AT)
             info.compress_type = method
             with archive.open(info, "w", force_zip64=array.nbytes > _LARGEST_PLAIN_MEMBER) as member:
-                np.lib.format.write_array(member, array, allow_pickle=False)  # type: ignore[no-untyped-call]
+                write_array(member, array, allow_pickle=False)
     return []

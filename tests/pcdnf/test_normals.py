@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from pcdnf.normals import CHUNK, pca_normals
+from pcdnf.normals import CHUNK, pca_normals, raw_normals, unit_towards
 
 
 def test_normals_of_a_sphere_are_radial() -> None:
@@ -37,3 +38,17 @@ def test_check_is_called_between_chunks_and_may_stop() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         pca_normals(np.random.default_rng(3).normal(size=(CHUNK + 5, 3)), check=check)
+
+
+def test_given_normals_are_used_and_missing_ones_filled_in() -> None:
+    points = np.random.default_rng(4).normal(size=(300, 3)) * [1, 1, 0]
+    given = np.tile([3.0, 0.0, 4.0], (300, 1))
+    given[5], given[6, 1] = 0, np.nan
+    normals = raw_normals(points, given, tree=cKDTree(points))
+    assert np.allclose(normals[0], [0.6, 0, 0.8])
+    assert np.allclose(np.abs(normals[[5, 6]]), [0, 0, 1], atol=1e-6)
+
+
+def test_normals_are_turned_to_a_side() -> None:
+    turned = unit_towards(np.array([[0, 0, 2.0], [0, 0, -2.0]]), np.array([[0, 0.1, -1.0], [0, 0, -1.0]]))
+    assert np.array_equal(turned, [[0, 0, -1.0], [0, 0, -1.0]])
