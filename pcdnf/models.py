@@ -29,7 +29,7 @@ class Defaults:
 DEFAULTS = {
     "pcdnf": Defaults(
         config=NetworkConfig(anchor=True),
-        recipe=Recipe(kind="ball", points=512),
+        recipe=Recipe(kind="ball", points=512, fewest=384),
         losses=LossWeights(nearest=2.0),
         batch=64,
         learning_rate=2e-3,
@@ -37,7 +37,7 @@ DEFAULTS = {
     ),
     "lite": Defaults(
         config=LiteConfig(),
-        recipe=Recipe(kind="near-far", points=128, near=48, radius=0.04),
+        recipe=Recipe(kind="near-far", points=128, near=48, radius=0.04, fewest=32),
         losses=LossWeights(alpha=1.0, ortho=0.0, nearest=2.0, dense_point=0.0, dense_normal=0.0),
         batch=256,
         learning_rate=3e-3,

@@ -36,6 +36,8 @@ class Recipe:
         Nearest neighbours of ``near-far``, the centre among them.
     upward : bool
         Raw normals are flipped to z >= 0 in the patch frame.
+    fewest : int
+        Points a typical ball must hold: a sparser cloud gets a larger radius, rather than patches of padding.
     """
 
     kind: Literal["ball", "knn", "near-far"] = "ball"
@@ -43,6 +45,7 @@ class Recipe:
     radius: float = 0.05
     near: int = 0
     upward: bool = True
+    fewest: int = 0
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for a checkpoint's metadata."""
@@ -98,9 +101,10 @@ class PatchSource:
         workers: int = -1,
     ) -> None:
         self.points, self.normals, self.recipe = points, normals, recipe
-        self.radius = recipe.radius * diagonal
         self._seed, self._workers = seed, workers
-        self._tree = (cKDTree(points) if tree is None else tree) if recipe.kind != "ball" else None
+        tree = cKDTree(points) if tree is None else tree
+        self.radius = max(recipe.radius * diagonal, _reach(tree, recipe.fewest))
+        self._tree = tree if recipe.kind != "ball" else None
         self._grid = BallGrid(points, self.radius) if recipe.kind != "knn" else None
 
     def neighbours(self, centres: NDArray[np.int64], *, seed: int | None = None) -> NDArray[np.int64]:
@@ -138,6 +142,16 @@ class PatchSource:
             self.points, self.normals, index, self.radius, upward=self.recipe.upward, spin=spin
         )
         return Patches(points, normals, frames, index)
+
+
+def _reach(tree: cKDTree, count: int) -> float:
+    """Radius within which a typical point has ``count`` points, itself among them; 0 for none."""
+    count = min(count, tree.n)
+    if count == 0:
+        return 0.0
+    sample = np.linspace(0, tree.n - 1, min(tree.n, 512)).astype(np.int64)
+    distance, _ = tree.query(tree.data[sample], [count])
+    return float(np.median(distance))
 
 
 def _centre_first(index: NDArray[np.int64], centres: NDArray[np.int64]) -> NDArray[np.int64]:

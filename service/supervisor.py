@@ -70,7 +70,8 @@ class Child:
         if self.process is None:
             return True
         try:
-            return self.process.wait(max(0.0, deadline - time.monotonic())) == 0
+            status = self.process.wait(max(0.0, deadline - time.monotonic()))
+            return status in (0, -signal.SIGTERM)  # still importing, it has no handler yet and nothing to finish
         except subprocess.TimeoutExpired:
             log.warning("the %s did not stop in time and is killed", self.name)
             self.process.kill()
@@ -99,10 +100,12 @@ def supervise(settings: Settings, listener: socket.socket) -> int:
         signal.signal(number, lambda *_: stopping.set())
     print(f"PCDNF listens on {url(settings, listener)}", flush=True)
     result = 0
-    while not stopping.wait(0.1):
+    # Not stopping.wait(): a signal's handler that sets an event its own thread waits for can find its lock taken.
+    while not stopping.is_set():
         if EX_CONFIG in [child.tend() for child in children]:
             result = EX_CONFIG
             break
+        time.sleep(0.1)
     for child in children:
         child.signal(signal.SIGTERM)
     deadline = time.monotonic() + settings.grace_seconds + KILL_MARGIN

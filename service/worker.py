@@ -175,7 +175,8 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     heart.beat()
     log.info("worker %s ready on %s", settings.executor_id, models.device)
     recovered = purged = 0.0
-    while not stopping.wait(0.5):
+    while not stopping.is_set():  # not stopping.wait(): the handler of a signal sets it in this same thread
+        time.sleep(0.5)
         heart.job, heart.points_per_second = runtime.current, runtime.points_per_second
         try:
             if time.monotonic() - recovered > settings.heartbeat_seconds:

@@ -125,7 +125,8 @@ class Service:
 
     def submit(self, path: Path, **parameters: Any) -> dict[str, Any]:
         """Upload a file and return the job."""
-        response = self.client.post("/denoise", files={"file": (path.name, path.read_bytes())}, params=parameters)
+        given = {"iterations": 1} | parameters
+        response = self.client.post("/denoise", files={"file": (path.name, path.read_bytes())}, params=given)
         assert response.status_code == 202, response.text
         job: dict[str, Any] = response.json()
         return job

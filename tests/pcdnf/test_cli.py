@@ -152,7 +152,11 @@ def test_wrong_usage(noisy: Path, wrong: list[str], capsys: pytest.CaptureFixtur
 
 
 def test_an_interrupt_leaves_nothing_behind(
-    noisy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    noisy: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
 ) -> None:
     from tqdm import tqdm
 
@@ -160,6 +164,8 @@ def test_an_interrupt_leaves_nothing_behind(
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(tqdm, "update", interrupt)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # it may be ignored: a job in the background
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     assert main(["denoise", str(noisy), "-o", str(tmp_path / "out.ply"), "--device", "cpu"]) == INTERRUPTED
     assert sorted(path.name for path in tmp_path.iterdir()) == ["noisy.ply"]
     assert "nterrupted" in capsys.readouterr().err

@@ -93,7 +93,7 @@ def test_denoise_is_prepare_and_tiles(lite: Denoiser) -> None:
 
 
 def test_same_seed_same_result_other_seed_another(lite: Denoiser) -> None:
-    noisy, _, _ = box(20_000, 0.01)  # more than a patch's points in each ball
+    noisy, _, _ = box(80_000, 0.01)  # more than a patch's points in each ball
     first, again, other = (lite.denoise_tile(lite.prepare(noisy, seed=seed), 0, 300).points for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -138,7 +138,7 @@ def test_degenerate_clouds_give_finite_results(denoiser: Denoiser, points: np.nd
     result = denoiser.denoise(points)
     assert np.isfinite(result.points).all()
     assert np.isfinite(result.normals).all()
-    assert np.abs(result.points - points).max() < 0.2
+    assert np.abs(result.points - points).max() < 1.0  # a patch radius at most
 
 
 def test_too_few_points_and_other_bad_clouds(lite: Denoiser) -> None:

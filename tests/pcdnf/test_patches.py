@@ -74,3 +74,13 @@ def test_duplicates_of_the_centre_do_not_push_it_out() -> None:
         index = source(recipe, points).neighbours(np.array([69]))
         assert index[0, 0] == 69
         assert len(set(index[0])) == 64
+
+
+def test_a_sparse_cloud_gets_a_larger_radius() -> None:
+    sparse = np.ascontiguousarray(POINTS[::10])
+    recipe = Recipe(kind="ball", points=64, radius=0.02, fewest=20)
+    patches = source(recipe, sparse)
+    inside = [len(ball) for ball in cKDTree(sparse).query_ball_point(sparse, patches.radius)]
+    assert 16 <= np.median(inside) <= 24
+    assert source(Recipe(kind="ball", points=64, radius=0.5, fewest=20), sparse).radius == 0.5
+    assert source(Recipe(kind="ball", points=64, radius=0.02, fewest=10_000), sparse).radius < 1.1
