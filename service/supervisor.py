@@ -61,9 +61,13 @@ class Child:
         return status
 
     def signal(self, number: int) -> None:
-        """Send a signal if it runs."""
-        if self.process is not None and self.process.poll() is None:
+        """Send a signal if it runs; one that had died before is none of the stop's affair."""
+        if self.process is None:
+            return
+        if self.process.poll() is None:
             self.process.send_signal(number)
+        else:
+            self.process = None
 
     def wait(self, deadline: float) -> bool:
         """Wait for its end, kill it at `deadline`; return whether it ended by itself and well."""
