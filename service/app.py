@@ -5,43 +5,33 @@ from __future__ import annotations
 import hashlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Annotated, Any
+from typing import Annotated
 
-import sqlalchemy as sa
 from fastapi import Depends, FastAPI, Query, Request, Response
 from fastapi.responses import JSONResponse, RedirectResponse
 from starlette.concurrency import run_in_threadpool
 
 import pcdnf
 
-from . import catalogue, database, problems, results, uploads
+from . import catalogue, database, problems, results
 from .auth import Keys, caller
 from .catalogue import Model
 from .health import Readiness, readiness
+from .idempotency import Claims
 from .inspection import Inspector
-from .jobs import FINISHED, Job, Jobs, new_id
+from .jobs import FINISHED, Job, Jobs
 from .middleware import Guard
 from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, NOT_MODIFIED, RESULT_RESPONSES, errors
-from .parameters import job_parameters, only_query
+from .parameters import only_query
 from .problems import Problem
 from .settings import Settings
-from .storage import UPLOAD, LocalStorage, Storage, job_file
+from .state import State, StateIn
+from .storage import LocalStorage
+from .submission import accept
 from .views import JobView, job_view, retry_after
 from .workers import Workers
 
 PAGE = 100  # most jobs of one answer
-
-
-class State:
-    """What the routes work with, kept in ``app.state``."""
-
-    settings: Settings
-    keys: Keys
-    engine: sa.Engine
-    storage: Storage
-    jobs: Jobs
-    workers: Workers
-    inspector: Inspector
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -79,6 +69,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     storage = LocalStorage(settings.data_dir)
     app.state.engine, app.state.storage = engine, storage
     app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
+    app.state.claims = Claims(engine)
     app.state.workers = Workers(engine)
     app.state.inspector = Inspector(settings)
     try:
@@ -88,11 +79,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         engine.dispose()
 
 
-def _state(request: Request) -> Any:
-    return request.app.state
-
-
-def _job(job_id: str, state: Annotated[State, Depends(_state)], owner: Annotated[str, Depends(caller)]) -> Job:
+def _job(job_id: str, state: StateIn, owner: Annotated[str, Depends(caller)]) -> Job:
     job = state.jobs.status(job_id, owner)
     if job is None:
         raise Problem("job_not_found", "There is no such job.", hint="Jobs are forgotten some time after they expire.")
@@ -101,7 +88,6 @@ def _job(job_id: str, state: Annotated[State, Depends(_state)], owner: Annotated
     return job
 
 
-StateIn = Annotated[State, Depends(_state)]
 CallerIn = Annotated[str, Depends(caller)]
 JobIn = Annotated[Job, Depends(_job)]
 
@@ -134,12 +120,12 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         status_code=202,
         response_model=JobView,
-        responses=errors(401, 408, 413, 415, 422),
+        responses=errors(400, 401, 408, 409, 410, 413, 415, 422),
         openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
     )
     async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
         """Take a cloud and queue it; parameters stand in the query or in the form."""
-        job = await _accept(request, state, owner)
+        job = await accept(request, state, owner)
         response = await run_in_threadpool(_shown, request, state, job, 202)
         response.headers["Location"] = f"/jobs/{job.id}"
         return response
@@ -239,36 +225,3 @@ def _shown(request: Request, state: State, job: Job, status: int) -> Response:
         response.headers["ETag"] = etag
     response.headers["Cache-Control"] = "private, no-cache"
     return response
-
-
-async def _accept(request: Request, state: State, owner: str) -> Job:
-    """Stream the upload to disk, have it checked, and queue it."""
-    settings = state.settings
-    query = request.query_params.multi_items()
-    job_parameters(query, settings)  # before the body is read
-    expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
-    if state.storage.free_bytes() < settings.min_free_bytes + expected:
-        raise uploads.disk_full()
-    path = state.storage.scratch()
-    upload = await uploads.receive(request, path, settings)
-    try:
-        parameters = job_parameters([*query, *upload.fields], settings)
-        found = await state.inspector.inspect(path, parameters)
-        job_id = new_id()
-        await run_in_threadpool(state.storage.put, path, job_file(job_id, UPLOAD))
-    finally:
-        path.unlink(missing_ok=True)
-    return await run_in_threadpool(
-        state.jobs.submit,
-        job_id,
-        owner=owner,
-        parameters=parameters.model_dump(),
-        upload={
-            "name": upload.name,
-            "format": found.format,
-            "bytes": upload.size,
-            "points": found.points,
-            "has_normals": found.has_normals,
-        },
-        warnings=found.warnings,
-    )

@@ -1,4 +1,4 @@
-"""The job database: SQLite by default, PostgreSQL by URL; our two tables beside those of DBOS.
+"""The job database: SQLite by default, PostgreSQL by URL; our own tables beside those of DBOS.
 
 Both kinds of table sit in one database, so that a job and its place in the queue are accepted in one transaction.
 """
@@ -19,6 +19,7 @@ from sqlalchemy.ext.compiler import compiles
 from .settings import Settings
 
 SQLITE_BUSY_MS = 30_000
+MIGRATION_LOCK, ADMISSION_LOCK = 7262733, 7262734  # of PostgreSQL, any two numbers
 
 metadata = sa.MetaData()
 
@@ -62,6 +63,18 @@ workers = sa.Table(
     sa.Column("details", sa.JSON, nullable=False),
     sa.Column("points_per_second", sa.Float),
     sa.Column("beat_at", sa.BigInteger, nullable=False),
+)
+
+# Keys that callers send to make a job once. Held by a lease while a request uploads, then bound to its job.
+idempotency = sa.Table(
+    "pcdnf_idempotency",
+    metadata,
+    sa.Column("owner", sa.String(64), primary_key=True),
+    sa.Column("key", sa.String(255), primary_key=True),
+    sa.Column("token", sa.String(32), nullable=False),
+    sa.Column("lease_until", sa.BigInteger),
+    sa.Column("job", sa.String(64), sa.ForeignKey("pcdnf_jobs.id", ondelete="CASCADE"), index=True),
+    sa.Column("fingerprint", sa.String(64)),
 )
 
 
@@ -111,7 +124,7 @@ def migrate(settings: Settings) -> None:
     """
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     url = settings.resolved_database_url
-    with _exclusive(settings.data_dir / "migrate.lock"):
+    with _one_process(settings.data_dir / "migrate.lock"):
         if url.startswith("sqlite"):
             database = sa.make_url(url).database
             assert database is not None
@@ -123,14 +136,24 @@ def migrate(settings: Settings) -> None:
         try:
             with engine.begin() as connection_:
                 if engine.dialect.name == "postgresql":
-                    connection_.execute(sa.text("SELECT pg_advisory_xact_lock(7262733)"))
+                    connection_.execute(sa.text(f"SELECT pg_advisory_xact_lock({MIGRATION_LOCK})"))
                 metadata.create_all(connection_)
         finally:
             engine.dispose()
 
 
 @contextmanager
-def _exclusive(path: Path) -> Iterator[None]:
+def exclusive(connection: sa.Connection) -> Iterator[None]:
+    """Run a transaction that no other one of this kind overlaps: what it reads stays true until it has written."""
+    with connection.begin():
+        # The driver of SQLite begins a transaction at the first write only, and what was read before may be old.
+        begin = {"sqlite": "BEGIN IMMEDIATE", "postgresql": f"SELECT pg_advisory_xact_lock({ADMISSION_LOCK})"}
+        connection.exec_driver_sql(begin[connection.dialect.name])
+        yield
+
+
+@contextmanager
+def _one_process(path: Path) -> Iterator[None]:
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

@@ -7,6 +7,7 @@ conditional UPDATE, so that the API and a worker that act at the same moment can
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -109,8 +110,9 @@ class Jobs:
         parameters: dict[str, Any],
         upload: dict[str, Any],
         warnings: list[str],
+        also: Callable[[sa.Connection], None] | None = None,
     ) -> Job:
-        """Accept a job whose upload lies durably in storage; our row and the queue's in one transaction."""
+        """Accept a job whose upload lies durably in storage; our row, the queue's and `also` in one transaction."""
         values = {
             "id": job_id,
             "owner": owner,
@@ -132,6 +134,8 @@ class Jobs:
         }
         with self._engine.begin() as connection:
             connection.execute(table.insert().values(values))
+            if also is not None:
+                also(connection)
             self._client.enqueue_in_transaction(connection, options, job_id)
             row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one()
         return as_job(row)

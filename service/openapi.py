@@ -5,6 +5,7 @@ from __future__ import annotations
 from http import HTTPStatus
 from typing import Any
 
+from .idempotency import HEADER, LONGEST_KEY
 from .parameters import Parameters
 from .problems import MEDIA_TYPE, ProblemDetail
 from .views import JobView
@@ -31,6 +32,15 @@ def _fields() -> dict[str, Any]:
 DENOISE_PARAMETERS = [
     {"name": name, "in": "query", "required": False, "description": schema["description"], "schema": schema}
     for name, schema in _fields().items()
+] + [
+    {
+        "name": HEADER,
+        "in": "header",
+        "required": False,
+        "description": "A value of the caller's choice, such as a UUID: the same request sent again with it is "
+        "answered with the same job",
+        "schema": {"type": "string", "minLength": 1, "maxLength": LONGEST_KEY},
+    }
 ]
 DENOISE_BODY = {
     "required": True,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import hashlib
 import os
 import re
 import time
-from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
+from collections.abc import AsyncIterator, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from fastapi import Request
@@ -36,8 +37,9 @@ class Upload:
 
     path: Path
     name: str  # the cleaned stem of the caller's file name; never used as a path
-    size: int = 0
-    fields: list[tuple[str, str]] = field(default_factory=list)
+    size: int
+    sha256: str  # of the file, in hex
+    fields: list[tuple[str, str]]
 
 
 def clean_name(name: str | None) -> str:
@@ -116,6 +118,7 @@ class _Sink:
         self._descriptor = descriptor
         self._settings = settings
         self._buffer = bytearray()
+        self._hash = hashlib.sha256()
         self.size = 0
 
     @property
@@ -131,13 +134,17 @@ class _Sink:
     async def flush(self, *, everything: bool = False) -> None:
         if self._buffer and (everything or len(self._buffer) >= WRITE_BYTES):
             data, self._buffer = self._buffer, bytearray()
-            await run_in_threadpool(_write, self._descriptor, data)
+            await run_in_threadpool(self._write, data)
 
+    def _write(self, data: bytearray) -> None:
+        self._hash.update(data)
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self._descriptor, view) :]
 
-def _write(descriptor: int, data: bytearray) -> None:
-    view = memoryview(data)
-    while view:
-        view = view[os.write(descriptor, view) :]
+    def finished(self, path: Path, name: str, fields: Iterable[tuple[str, str]] = ()) -> Upload:
+        """Return what was written."""
+        return Upload(path, name, self.size, self._hash.hexdigest(), list(fields))
 
 
 async def _raw(request: Request, sink: _Sink, path: Path) -> Upload:
@@ -145,7 +152,7 @@ async def _raw(request: Request, sink: _Sink, path: Path) -> Upload:
         sink.add(chunk)
         await sink.flush()
     await sink.flush(everything=True)
-    return Upload(path, FALLBACK_NAME, sink.size)
+    return sink.finished(path, FALLBACK_NAME)
 
 
 async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path) -> Upload:
@@ -179,7 +186,7 @@ async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path)
         raise Problem("invalid_upload", "The multipart body is malformed or incomplete.")
     if form.files != 1:
         raise _not_one_file(form.files)
-    return Upload(path, clean_name(form.file_name), sink.size, form.fields)
+    return sink.finished(path, clean_name(form.file_name), form.fields)
 
 
 class _Form:

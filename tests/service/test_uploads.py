@@ -230,7 +230,7 @@ def test_disk_that_fills_up_meanwhile(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("service.uploads._write", full)
+    monkeypatch.setattr("service.uploads._Sink._write", full)
     response = make_api().post("/denoise", files={"file": small.read_bytes()})
     assert (response.status_code, response.json()["code"]) == (503, "disk_full")
     assert not list((tmp_path / "data" / "scratch").iterdir())

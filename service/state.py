@@ -1,0 +1,36 @@
+"""What the routes work with, kept in ``app.state``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import sqlalchemy as sa
+from fastapi import Depends, Request
+
+from .auth import Keys
+from .idempotency import Claims
+from .inspection import Inspector
+from .jobs import Jobs
+from .settings import Settings
+from .storage import Storage
+from .workers import Workers
+
+
+class State:
+    """The parts of the API process."""
+
+    settings: Settings
+    keys: Keys
+    engine: sa.Engine
+    storage: Storage
+    jobs: Jobs
+    claims: Claims
+    workers: Workers
+    inspector: Inspector
+
+
+def _state(request: Request) -> Any:
+    return request.app.state
+
+
+StateIn = Annotated[State, Depends(_state)]

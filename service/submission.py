@@ -1,0 +1,93 @@
+"""From a request to a job: the upload to disk, its check, its place in the queue."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import sqlalchemy as sa
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
+
+from . import uploads
+from .idempotency import Claim, Claims, fingerprint, idempotency_key
+from .jobs import Job, new_id
+from .parameters import Parameters, job_parameters
+from .problems import Problem
+from .state import State
+from .storage import UPLOAD, job_file
+from .uploads import Upload
+
+
+async def accept(request: Request, state: State, owner: str) -> Job:
+    """Stream the upload to disk, have it checked, and queue it; or return the job of an earlier, equal request.
+
+    Raises
+    ------
+    Problem
+        For everything a caller can do wrong, and for want of room.
+    """
+    settings = state.settings
+    query = request.query_params.multi_items()
+    job_parameters(query, settings)  # before the body is read
+    async with state.claims.held(owner, idempotency_key(request)) as claim:
+        expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
+        if state.storage.free_bytes() < settings.min_free_bytes + expected:
+            raise uploads.disk_full()
+        path = state.storage.scratch()
+        upload = await uploads.receive(request, path, settings)
+        try:
+            parameters = job_parameters([*query, *upload.fields], settings)
+            if claim is not None and claim.job is not None:
+                return await run_in_threadpool(_again, state, claim, upload, parameters)
+            return await _queue(state, owner, path, upload, parameters, claim)
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _again(state: State, claim: Claim, upload: Upload, parameters: Parameters) -> Job:
+    """Return the job that an equal request made before."""
+    claim.check(fingerprint(upload.sha256, upload.name, parameters.model_dump()))
+    assert claim.job is not None
+    job = state.jobs.status(claim.job, claim.owner)
+    if job is None or state.jobs.expired(job):
+        raise Problem(
+            "job_expired",
+            "The job of this key has expired and its files were removed.",
+            hint="Submit the file again, with a fresh key.",
+        )
+    return job
+
+
+async def _queue(
+    state: State, owner: str, path: Path, upload: Upload, parameters: Parameters, claim: Claim | None
+) -> Job:
+    found = await state.inspector.inspect(path, parameters)
+    job_id = new_id()
+    await run_in_threadpool(state.storage.put, path, job_file(job_id, UPLOAD))
+
+    def bind(connection: sa.Connection) -> None:
+        if claim is not None:
+            mark = fingerprint(upload.sha256, upload.name, parameters.model_dump())
+            Claims.bind(connection, claim, job_id, mark)
+
+    def submit() -> Job:
+        try:
+            return state.jobs.submit(
+                job_id,
+                owner=owner,
+                parameters=parameters.model_dump(),
+                upload={
+                    "name": upload.name,
+                    "format": found.format,
+                    "bytes": upload.size,
+                    "points": found.points,
+                    "has_normals": found.has_normals,
+                },
+                warnings=found.warnings,
+                also=bind,
+            )
+        except Problem:  # refused: nothing was committed
+            state.storage.delete_job(job_id)
+            raise
+
+    return await run_in_threadpool(submit)
