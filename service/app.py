@@ -21,14 +21,16 @@ from .idempotency import Claims
 from .inspection import Inspector
 from .jobs import FINISHED, Job, Jobs
 from .middleware import Guard
-from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, NOT_MODIFIED, RESULT_RESPONSES, errors
+from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, DENOISED, NOT_MODIFIED, RESULT_RESPONSES, errors
 from .parameters import only_query
+from .preferences import preferred_wait
 from .problems import Problem
 from .settings import Settings
 from .state import State, StateIn
 from .storage import LocalStorage
 from .submission import accept
 from .views import JobView, job_view, retry_after
+from .watch import Watch
 from .workers import Workers
 
 PAGE = 100  # most jobs of one answer
@@ -70,6 +72,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.engine, app.state.storage = engine, storage
     app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
     app.state.claims = Claims(engine)
+    app.state.watch = Watch(app.state.jobs, settings.max_streams)
     app.state.workers = Workers(engine)
     app.state.inspector = Inspector(settings)
     try:
@@ -120,14 +123,20 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         status_code=202,
         response_model=JobView,
-        responses=errors(400, 401, 408, 409, 410, 413, 415, 422),
+        responses=DENOISED | errors(400, 401, 408, 409, 410, 413, 415, 422),
         openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
     )
     async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
         """Take a cloud and queue it; parameters stand in the query or in the form."""
         job = await accept(request, state, owner)
-        response = await run_in_threadpool(_shown, request, state, job, 202)
+        seconds = preferred_wait(request, state.settings.max_wait_seconds)
+        waits = seconds is not None and not state.watch.full
+        if waits:
+            job = await state.watch.finished(job, float(seconds or 0))
+        response = await run_in_threadpool(_shown, request, state, job, 202 if job.live or not waits else 200)
         response.headers["Location"] = f"/jobs/{job.id}"
+        if waits:
+            response.headers["Preference-Applied"] = f"wait={seconds}"
         return response
 
     @app.get(

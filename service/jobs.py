@@ -7,7 +7,7 @@ conditional UPDATE, so that the API and a worker that act at the same moment can
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -185,6 +185,12 @@ class Jobs:
             points = sa.func.coalesce(sa.func.sum(remaining), 0)
             position, before = connection.execute(sa.select(queued, points).where(ahead)).one()
         return Outlook(int(position) + 1, (float(before) + job.total) / speed if speed else None)
+
+    def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Outlook]]:
+        """Return these jobs as they are now, whoever owns them; those that are gone are left out."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(sa.select(table).where(table.c.id.in_(job_ids))).mappings().all()
+        return {job.id: (job, self.outlook(job)) for job in map(as_job, rows)}
 
     def cancel(self, job: Job) -> Job | None:
         """Cancel a live job: at once where it is queued, else as soon as its worker notices.

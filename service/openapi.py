@@ -40,7 +40,15 @@ DENOISE_PARAMETERS = [
         "description": "A value of the caller's choice, such as a UUID: the same request sent again with it is "
         "answered with the same job",
         "schema": {"type": "string", "minLength": 1, "maxLength": LONGEST_KEY},
-    }
+    },
+    {
+        "name": "Prefer",
+        "in": "header",
+        "required": False,
+        "description": "`wait=N`: answer with the finished job if it takes no more than N seconds (RFC 7240)",
+        "schema": {"type": "string"},
+        "example": "wait=10",
+    },
 ]
 DENOISE_BODY = {
     "required": True,
@@ -56,6 +64,12 @@ DENOISE_BODY = {
         "application/x-npz": _BINARY,
         "application/octet-stream": _BINARY,
     },
+}
+_LOCATION = {"Location": {"description": "Where the job is", "schema": {"type": "string"}}}
+_APPLIED = {"Preference-Applied": {"description": "The seconds in force of `wait`", "schema": {"type": "string"}}}
+DENOISED: Responses = {
+    200: {"model": JobView, "description": "The job finished while the caller waited", "headers": _LOCATION | _APPLIED},
+    202: {"model": JobView, "description": "The job is queued", "headers": _LOCATION | _APPLIED},
 }
 NOT_MODIFIED: Responses = {304: {"description": "Not changed since the ETag in If-None-Match"}}
 RESULT_RESPONSES: Responses = NOT_MODIFIED | {

@@ -7,6 +7,7 @@ import signal
 import socket
 
 import uvicorn
+from fastapi import FastAPI
 
 from .app import create_app
 from .process import configure_logging, die_with_supervisor, load_settings, refuse
@@ -16,6 +17,17 @@ SOCKET_VARIABLE = "PCDNF_SOCKET_FD"
 BACKLOG = 2048
 KEEP_ALIVE_SECONDS = 15
 MAX_HEADER_BYTES = 32 * 1024
+
+
+class Server(uvicorn.Server):
+    """uvicorn, which ends the requests that wait for jobs before it waits for requests to end."""
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Close the listener and wait for the requests in hand."""
+        app = self.config.app
+        assert isinstance(app, FastAPI)
+        app.state.watch.close()
+        await super().shutdown(sockets)
 
 
 def bind(settings: Settings) -> socket.socket:
@@ -70,7 +82,7 @@ def main() -> None:
     )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)  # uvicorn raises the signal again once it has shut down
-    uvicorn.Server(config).run(sockets=[listener])
+    Server(config).run(sockets=[listener])
 
 
 if __name__ == "__main__":

@@ -77,6 +77,15 @@ class Settings(BaseSettings):
     )
     concurrent_checks: int = Field(2, ge=1, description="Uploads checked at the same time.")
     max_requests: int = Field(256, ge=1, description="Requests served at the same time; more are answered 503.")
+    max_wait_seconds: int = Field(
+        60, ge=0, description="Longest time in seconds that `Prefer: wait=N` holds a request; N above it is cut to it."
+    )
+    max_streams: int = Field(
+        64,
+        ge=0,
+        description="Requests that wait for jobs at the same time, by `Prefer: wait` or as a stream of events; beyond "
+        "it `Prefer` is ignored and streams are answered 503.",
+    )
 
     device: str = Field(
         "auto",

@@ -13,6 +13,7 @@ from .inspection import Inspector
 from .jobs import Jobs
 from .settings import Settings
 from .storage import Storage
+from .watch import Watch
 from .workers import Workers
 
 
@@ -25,6 +26,7 @@ class State:
     storage: Storage
     jobs: Jobs
     claims: Claims
+    watch: Watch
     workers: Workers
     inspector: Inspector
 
