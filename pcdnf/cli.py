@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 
 from . import __version__
+from .benchmark.command import add_benchmark
 from .commands import add_denoise, add_evaluate, add_import_weights, add_models, add_train
 from .errors import PcdnfError
 
@@ -47,6 +48,7 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda entry: entry.name):
         entry.load()(subparsers)
     add_evaluate(subparsers)
+    add_benchmark(subparsers)
     add_models(subparsers)
     add_train(subparsers, complete=command == "train")
     add_import_weights(subparsers)

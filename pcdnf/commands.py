@@ -156,7 +156,7 @@ def add_evaluate(subparsers: Subparsers) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    prediction, clean = _read_any(options.prediction), _read_any(options.clean)
+    prediction, clean = read_any(options.prediction), read_any(options.clean)
     from .metrics import score
 
     scores = score(prediction.points, prediction.normals, clean.points, clean.normals)
@@ -171,7 +171,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read_any(path: Path) -> PointCloud:
+def read_any(path: Path) -> PointCloud:
     """A cloud from PLY, NPZ, or a plain (N, 3) array of floats."""
     try:
         with path.open("rb") as file:

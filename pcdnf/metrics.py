@@ -52,6 +52,22 @@ class Scores:
 
 
 @dataclass(frozen=True)
+class PointErrors:
+    """The same, point by point.
+
+    Attributes
+    ----------
+    surface : (N,) float64 array
+        Distance to the surface x 1e3; its mean is the point-to-surface distance.
+    angle : (N,) float64 array or None
+        Of the normals, degrees; None where there were no normals to judge.
+    """
+
+    surface: Floats
+    angle: Floats | None
+
+
+@dataclass(frozen=True)
 class _Matched:
     """Both clouds in the clean one's unit, and each point's nearest clean point."""
 
@@ -161,6 +177,21 @@ def score(
     )
 
 
+def point_errors(
+    points: ArrayLike,
+    normals: ArrayLike | None,
+    clean_points: ArrayLike,
+    clean_normals: ArrayLike | None = None,
+    *,
+    workers: int = -1,
+) -> PointErrors:
+    """What :func:`score` takes the means of; parameters and errors are the same."""
+    matched = _matched(points, clean_points, workers)
+    reference = _clean_normals(matched, clean_normals, workers)
+    angle = None if normals is None else _angles(matched, _rows(normals), reference)
+    return PointErrors(surface=_heights(matched, reference) / SURFACE_UNIT, angle=angle)
+
+
 def _rows(array: ArrayLike) -> Floats:
     rows = np.asarray(array, np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows):
@@ -208,14 +239,24 @@ def _chamfer_distance(matched: _Matched, workers: int) -> float:
     return float(np.square(matched.distance).mean() + np.square(back).mean()) / CHAMFER_UNIT
 
 
-def _point_to_surface(matched: _Matched, clean_normals: Floats) -> float:
+def _heights(matched: _Matched, clean_normals: Floats) -> Floats:
     offset = matched.points - matched.clean[matched.nearest]
     height = np.abs(np.einsum("nd,nd->n", offset, clean_normals[matched.nearest]))
-    return float(np.minimum(height, matched.distance).mean()) / SURFACE_UNIT
+    smaller: Floats = np.minimum(height, matched.distance)
+    return smaller
+
+
+def _point_to_surface(matched: _Matched, clean_normals: Floats) -> float:
+    return float(_heights(matched, clean_normals).mean()) / SURFACE_UNIT
+
+
+def _angles(matched: _Matched, normals: Floats, clean_normals: Floats) -> Floats:
+    unit = _unit(normals, len(matched.points))
+    cosine = np.abs(np.einsum("nd,nd->n", unit, clean_normals[matched.nearest]))
+    degrees: Floats = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+    return degrees
 
 
 def _normal_error(matched: _Matched, normals: Floats, clean_normals: Floats) -> tuple[float, float]:
-    unit = _unit(normals, len(matched.points))
-    cosine = np.abs(np.einsum("nd,nd->n", unit, clean_normals[matched.nearest]))
-    degrees = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+    degrees = _angles(matched, normals, clean_normals)
     return float(degrees.mean()), float(np.sqrt(np.square(degrees).mean()))

@@ -1,0 +1,205 @@
+"""The runs: a line of ``results.jsonl`` for each (cloud, noise, method), and the cloud that came out.
+
+A line is found again by what it depends on: the input's bytes and the method's identity (weights, versions, device).
+What is there is not computed again. A line is written after its cloud, so a kill loses the run under way and no more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..metrics import score
+from .clouds import CleanCloud
+from .methods import Group, Method, Output
+
+Floats = NDArray[np.float64]
+
+KEY_LENGTH = 20
+"""Hexadecimal digits of a key."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One method on one noisy cloud.
+
+    Attributes
+    ----------
+    key : str
+        Hash of the input and the method's identity; names the file in ``clouds/``.
+    cloud, noise, level, method, group
+        ``level`` is in per cent of the clean diagonal.
+    points : int
+        That came out.
+    chamfer_distance, point_to_surface, normal_mean, normal_rms : float
+        See :mod:`pcdnf.metrics`.
+    seconds : float
+        Wall time of the method alone.
+    identity, facts : dict
+    """
+
+    key: str
+    cloud: str
+    noise: str
+    level: float
+    method: str
+    group: Group
+    points: int
+    chamfer_distance: float
+    point_to_surface: float
+    normal_mean: float
+    normal_rms: float
+    seconds: float
+    identity: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A noisy cloud and what it was made from."""
+
+    clean: CleanCloud
+    noise: str
+    level: float
+
+    def points(self) -> Floats:
+        """The noisy points."""
+        return self.clean.noisy(self.level, self.noise)
+
+
+def cases(clouds: Sequence[CleanCloud], noises: Sequence[str], levels: Sequence[float]) -> Iterator[Case]:
+    """All of them, cloud by cloud; without noise there is only one kind of it."""
+    for cloud in clouds:
+        for noise in noises:
+            for level in levels:
+                if level > 0 or noise in (noises[0], "outliers"):
+                    yield Case(cloud, noise, level)
+
+
+class Results:
+    """A folder of results.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it does not exist.
+    fresh : bool
+        Compute again what is there.
+    """
+
+    def __init__(self, folder: Path, *, fresh: bool = False) -> None:
+        self.folder = folder
+        (folder / "clouds").mkdir(parents=True, exist_ok=True)
+        self._file = folder / "results.jsonl"
+        self._known = {row.key: row for row in self._read()}
+        self._fresh = fresh
+
+    def run(
+        self, case: Case, methods: Sequence[Method], *, report: Callable[[Row, bool], None] | None = None
+    ) -> list[Row]:
+        """The rows of all methods on one noisy cloud, in their order.
+
+        ``report`` is called with each row and whether it was computed just now.
+        """
+        points = case.points()
+        digest = _digest(points, case.clean.points, case.clean.normals)
+        rows = []
+        for method in methods:
+            key = _key(digest, method.identity)
+            row = None if self._fresh else self._known.get(key)
+            new = row is None or not self._cloud_file(key).exists()
+            if row is None or new:
+                row = self._computed(case, points, method, key)
+                self._write(row)
+            # the same input or model may have gone by another name
+            row = Row(
+                **vars(row)
+                | {"cloud": case.clean.name, "noise": case.noise, "level": case.level, "method": method.name}
+            )
+            rows.append(row)
+            if report is not None:
+                report(row, new)
+        return rows
+
+    def output(self, row: Row, clean: CleanCloud) -> Output:
+        """The cloud that a row is about, in the clean cloud's unit; float32 relative to its diagonal."""
+        low, diagonal = _frame(clean)
+        with np.load(self._cloud_file(row.key), allow_pickle=False) as arrays:
+            return Output(arrays["points"].astype(np.float64) * diagonal + low, arrays["normals"])
+
+    def _cloud_file(self, key: str) -> Path:
+        return self.folder / "clouds" / f"{key}.npz"
+
+    def _read(self) -> Iterator[Row]:
+        """The lines of the file; half a line at its end, left by a kill, is cut off."""
+        if not self._file.exists():
+            return
+        text = self._file.read_bytes()
+        whole = text[: text.rfind(b"\n") + 1]
+        if whole != text:
+            os.truncate(self._file, len(whole))
+        for line in whole.splitlines():
+            yield Row(**json.loads(line))
+
+    def _computed(self, case: Case, points: Floats, method: Method, key: str) -> Row:
+        began = time.perf_counter()
+        output = method.run(points, case.level)
+        seconds = time.perf_counter() - began
+        scores = score(output.points, output.normals, case.clean.points, case.clean.normals)
+        assert scores.normal_mean is not None
+        assert scores.normal_rms is not None
+        low, diagonal = _frame(case.clean)
+        temporary = self._cloud_file(key).with_suffix(f".{os.getpid()}.tmp")
+        with temporary.open("wb") as file:
+            local = ((output.points - low) / diagonal).astype(np.float32)
+            np.savez(file, points=local, normals=output.normals.astype(np.float32))
+        temporary.replace(self._cloud_file(key))
+        return Row(
+            key=key,
+            cloud=case.clean.name,
+            noise=case.noise,
+            level=case.level,
+            method=method.name,
+            group=method.group,
+            points=scores.points,
+            chamfer_distance=scores.chamfer_distance,
+            point_to_surface=scores.point_to_surface,
+            normal_mean=scores.normal_mean,
+            normal_rms=scores.normal_rms,
+            seconds=round(seconds, 2),
+            identity=method.identity,
+            facts=output.facts,
+        )
+
+    def _write(self, row: Row) -> None:
+        with self._file.open("a") as file:
+            file.write(json.dumps(asdict(row)) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self._known[row.key] = row
+
+
+def _frame(clean: CleanCloud) -> tuple[Floats, float]:
+    low = clean.points.min(axis=0)
+    return low, float(np.linalg.norm(clean.points.max(axis=0) - low))
+
+
+def _digest(*arrays: Floats | None) -> str:
+    total = hashlib.sha256()
+    for array in arrays:
+        total.update(b"none" if array is None else np.ascontiguousarray(array, "<f8").tobytes())
+    return total.hexdigest()
+
+
+def _key(digest: str, identity: dict[str, str]) -> str:
+    text = json.dumps({"input": digest, **identity}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
