@@ -19,12 +19,14 @@ from .catalogue import Model
 from .health import Readiness, readiness
 from .idempotency import Claims
 from .inspection import Inspector
-from .jobs import FINISHED, Job, Jobs
+from .job import FINISHED, Job
+from .jobs import Jobs
 from .middleware import Guard
 from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, DENOISED, NOT_MODIFIED, RESULT_RESPONSES, errors
 from .parameters import only_query
 from .preferences import preferred_wait
 from .problems import Problem
+from .rates import Rates
 from .settings import Settings
 from .state import State, StateIn
 from .storage import LocalStorage
@@ -56,6 +58,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings = settings
     app.state.keys = Keys.of(settings)
+    app.state.rates = Rates(settings.caller_requests_per_minute)
     app.add_middleware(Guard, max_requests=settings.max_requests)
     problems.install(app)
     _probes(app)
@@ -112,7 +115,7 @@ def _probes(app: FastAPI) -> None:
 
 
 def _routes(app: FastAPI) -> None:
-    @app.get("/models", tags=["models"], dependencies=[Depends(caller)], responses=errors(401))
+    @app.get("/models", tags=["models"], dependencies=[Depends(caller)], responses=errors(401, 429))
     async def models(state: StateIn) -> list[Model]:
         """Return the models that jobs may name."""
         default = state.settings.default_model
@@ -123,7 +126,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         status_code=202,
         response_model=JobView,
-        responses=DENOISED | errors(400, 401, 408, 409, 410, 413, 415, 422),
+        responses=DENOISED | errors(400, 401, 408, 409, 410, 413, 415, 422, 429),
         openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
     )
     async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
@@ -143,7 +146,7 @@ def _routes(app: FastAPI) -> None:
         "/jobs",
         tags=["jobs"],
         dependencies=[Depends(only_query("limit", "before"))],
-        responses=errors(401, 422),
+        responses=errors(401, 422, 429),
     )
     def jobs(
         state: StateIn,
@@ -162,7 +165,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_model=JobView,
         dependencies=[Depends(only_query())],
-        responses=NOT_MODIFIED | errors(401, 404, 410, 422),
+        responses=NOT_MODIFIED | errors(401, 404, 410, 422, 429),
     )
     def status(request: Request, state: StateIn, job: JobIn) -> Response:
         """Return the state of a job."""
@@ -173,7 +176,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_model=JobView,
         dependencies=[Depends(only_query())],
-        responses=DELETED | errors(401, 404, 410, 422),
+        responses=DELETED | errors(401, 404, 410, 422, 429),
     )
     def delete(request: Request, state: StateIn, job: JobIn) -> Response:
         """Cancel a live job, or remove a finished one; upload and result are removed either way."""
@@ -194,7 +197,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_class=Response,
         dependencies=[Depends(only_query("format"))],
-        responses=RESULT_RESPONSES | errors(401, 404, 406, 409, 410, 416, 422),
+        responses=RESULT_RESPONSES | errors(401, 404, 406, 409, 410, 416, 422, 429),
     )
     def result(
         request: Request,

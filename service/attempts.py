@@ -13,7 +13,7 @@ import sqlalchemy as sa
 
 from .database import jobs as table
 from .database import now_ms
-from .jobs import Job, as_job
+from .job import Job, as_job
 
 MAX_LOSSES = 2
 

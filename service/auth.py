@@ -14,6 +14,7 @@ from fastapi import Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from .problems import Problem
+from .rates import Rates
 from .settings import Settings, SettingsError
 
 ANONYMOUS = "anonymous"
@@ -102,10 +103,12 @@ def caller(request: Request, credentials: Annotated[HTTPAuthorizationCredentials
     Raises
     ------
     Problem
-        401 where keys are in force and none of them was sent.
+        401 where keys are in force and none of them was sent, 429 for too many requests.
     """
     keys: Keys = request.app.state.keys
+    rates: Rates = request.app.state.rates
     if not keys.required:
+        rates.take(ANONYMOUS)
         return ANONYMOUS
     owner = None if credentials is None else keys.owner(credentials.credentials)
     if owner is None:
@@ -115,4 +118,5 @@ def caller(request: Request, credentials: Annotated[HTTPAuthorizationCredentials
             hint="Send the header `Authorization: Bearer <key>`.",
             headers={"WWW-Authenticate": "Bearer"},
         )
+    rates.take(owner)
     return owner

@@ -6,72 +6,23 @@ conditional UPDATE, so that the API and a worker that act at the same moment can
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields
 from typing import Any
 
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions
 
+from .admission import Admission, Load
+from .database import exclusive, now_ms
 from .database import jobs as table
-from .database import now_ms, workers
 from .engine import APPLICATION_NAME, APPLICATION_VERSION, QUEUE, SERIALIZER, WORKFLOW
+from .job import FINISHED, Job, as_job
+from .outlook import Outlook, outlook
 from .settings import Settings
 from .storage import Storage
 
-LIVE = ("queued", "running", "cancelling")
-FINISHED = ("succeeded", "failed", "cancelled")
 EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
 ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted
-
-
-@dataclass(frozen=True)
-class Job:
-    """One row of the table of jobs; times in milliseconds since 1970, progress in points times iterations."""
-
-    id: str
-    owner: str
-    status: str
-    parameters: dict[str, Any]
-    upload: dict[str, Any]
-    execution: dict[str, Any] | None
-    results: dict[str, Any] | None
-    warnings: list[str]
-    problem: dict[str, Any] | None
-    done: int
-    total: int
-    points_per_second: float | None
-    created_at: int
-    started_at: int | None
-    finished_at: int | None
-    expires_at: int | None
-    purged_at: int | None
-    open: bool
-    losses: int
-
-    @property
-    def live(self) -> bool:
-        """Whether it may still change."""
-        return self.status in LIVE
-
-
-@dataclass(frozen=True)
-class Outlook:
-    """What is known about the time a live job still takes."""
-
-    queue_position: int | None
-    seconds_left: float | None
-
-
-def new_id() -> str:
-    """Return the id of a new job: 128 random bits in hex."""
-    return secrets.token_hex(16)
-
-
-def as_job(row: sa.RowMapping) -> Job:
-    """Return the row as a :class:`Job`."""
-    return Job(**{field.name: row[field.name] for field in fields(Job)})
 
 
 class Jobs:
@@ -84,12 +35,13 @@ class Jobs:
     storage : Storage
         Where the files of jobs lie.
     settings : Settings
-        For the time that a finished job is kept.
+        For the bounds of the queue and the time that a finished job is kept.
     """
 
     def __init__(self, engine: sa.Engine, storage: Storage, settings: Settings) -> None:
         self._engine = engine
         self._storage = storage
+        self._admission = Admission(settings)
         self._ttl_ms = int(settings.job_ttl * 1000)
         self._client = DBOSClient(
             system_database_engine=engine,
@@ -102,6 +54,11 @@ class Jobs:
         """Let go of the engine's client."""
         self._client.destroy()
 
+    def check_room(self, owner: str, wanted: Load) -> None:
+        """Refuse early what :meth:`submit` would most likely refuse; see :meth:`Admission.check`."""
+        with self._engine.connect() as connection:
+            self._admission.check(connection, owner, wanted)
+
     def submit(
         self,
         job_id: str,
@@ -112,7 +69,13 @@ class Jobs:
         warnings: list[str],
         also: Callable[[sa.Connection], None] | None = None,
     ) -> Job:
-        """Accept a job whose upload lies durably in storage; our row, the queue's and `also` in one transaction."""
+        """Accept a job whose upload lies durably in storage; our row, the queue's and `also` in one transaction.
+
+        Raises
+        ------
+        Problem
+            Where there is no room, see :meth:`Admission.check`; or by `also`.
+        """
         values = {
             "id": job_id,
             "owner": owner,
@@ -132,7 +95,9 @@ class Jobs:
             "workflow_id": job_id,
             "app_version": APPLICATION_VERSION,
         }
-        with self._engine.begin() as connection:
+        wanted = Load(values["total"], upload["bytes"], 1)
+        with self._engine.connect() as connection, exclusive(connection):
+            self._admission.check(connection, owner, wanted)
             connection.execute(table.insert().values(values))
             if also is not None:
                 also(connection)
@@ -166,25 +131,8 @@ class Jobs:
 
     def outlook(self, job: Job) -> Outlook:
         """Return place in the queue and estimated time, from the speed the workers measured."""
-        if not job.live:
-            return Outlook(None, None)
-        remaining = table.c.total - table.c.done
-        ahead = sa.or_(
-            table.c.status.in_(("running", "cancelling")),
-            sa.and_(
-                table.c.status == "queued",
-                sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(job.created_at, job.id),
-            ),
-        )
         with self._engine.connect() as connection:
-            speed = connection.execute(sa.select(sa.func.sum(workers.c.points_per_second))).scalar()
-            if job.status != "queued":
-                speed = job.points_per_second or speed
-                return Outlook(None, (job.total - job.done) / speed if speed else None)
-            queued = sa.func.coalesce(sa.func.sum(sa.case((table.c.status == "queued", 1), else_=0)), 0)
-            points = sa.func.coalesce(sa.func.sum(remaining), 0)
-            position, before = connection.execute(sa.select(queued, points).where(ahead)).one()
-        return Outlook(int(position) + 1, (float(before) + job.total) / speed if speed else None)
+            return outlook(connection, job)
 
     def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Outlook]]:
         """Return these jobs as they are now, whoever owns them; those that are gone are left out."""

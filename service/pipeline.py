@@ -24,7 +24,7 @@ from pcdnf.formats import write
 
 from .attempts import MAX_LOSSES
 from .engine import WORKFLOW
-from .jobs import Job
+from .job import Job
 from .models import denoise_tile
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime

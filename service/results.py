@@ -8,7 +8,7 @@ import re
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
 
-from .jobs import Job
+from .job import Job
 from .problems import Problem
 from .storage import Storage, job_file
 

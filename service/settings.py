@@ -87,6 +87,25 @@ class Settings(BaseSettings):
         "it `Prefer` is ignored and streams are answered 503.",
     )
 
+    max_queued_points: int = Field(
+        100_000_000, ge=1, description="Most points times iterations still to do in all unfinished jobs together."
+    )
+    max_queued_bytes: int = Field(
+        8192 * MIB, ge=1, description="Most bytes of uploads of all unfinished jobs together."
+    )
+    max_caller_points: int = Field(
+        50_000_000, ge=1, description="Most points times iterations still to do in the unfinished jobs of one key."
+    )
+    max_caller_bytes: int = Field(
+        4096 * MIB, ge=1, description="Most bytes of the uploads of one key's unfinished jobs."
+    )
+    max_caller_jobs: int = Field(1000, ge=1, description="Most unfinished jobs of one key.")
+    caller_requests_per_minute: int = Field(
+        12_000,
+        ge=0,
+        description="Requests one key may send in a minute, to each API process; 0 for no limit.",
+    )
+
     device: str = Field(
         "auto",
         pattern=r"^(auto|cpu|cuda:\d{1,3})$",

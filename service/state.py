@@ -11,6 +11,7 @@ from .auth import Keys
 from .idempotency import Claims
 from .inspection import Inspector
 from .jobs import Jobs
+from .rates import Rates
 from .settings import Settings
 from .storage import Storage
 from .watch import Watch
@@ -22,6 +23,7 @@ class State:
 
     settings: Settings
     keys: Keys
+    rates: Rates
     engine: sa.Engine
     storage: Storage
     jobs: Jobs

@@ -9,8 +9,9 @@ from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
 from . import uploads
+from .admission import Load
 from .idempotency import Claim, Claims, fingerprint, idempotency_key
-from .jobs import Job, new_id
+from .job import Job, new_id
 from .parameters import Parameters, job_parameters
 from .problems import Problem
 from .state import State
@@ -33,6 +34,8 @@ async def accept(request: Request, state: State, owner: str) -> Job:
         expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
         if state.storage.free_bytes() < settings.min_free_bytes + expected:
             raise uploads.disk_full()
+        if claim is None or claim.job is None:  # before the body is read
+            await run_in_threadpool(state.jobs.check_room, owner, Load(1, expected, 1))
         path = state.storage.scratch()
         upload = await uploads.receive(request, path, settings)
         try:

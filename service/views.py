@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from .jobs import Job, Outlook
+from .job import Job
+from .outlook import Outlook
 from .problems import ProblemDetail
 
 LONGEST_RETRY = 30

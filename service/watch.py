@@ -14,7 +14,9 @@ from contextlib import contextmanager
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from .jobs import Job, Jobs, Outlook
+from .job import Job
+from .jobs import Jobs
+from .outlook import Outlook
 from .problems import Problem
 
 log = logging.getLogger(__name__)

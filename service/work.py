@@ -16,7 +16,7 @@ from pcdnf.denoiser import Cloud, Denoiser, iteration_seed
 from pcdnf.errors import PcdnfError
 from pcdnf.formats import Limits, PointCloud, read
 
-from .jobs import Job
+from .job import Job
 from .runtime import Runtime
 from .storage import UPLOAD, job_file
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,7 +16,8 @@ from service_process import Served, Service, write_sphere
 from service import database
 from service.app import create_app
 from service.attempts import Attempts
-from service.jobs import Job, Jobs, new_id
+from service.job import Job, new_id
+from service.jobs import Jobs
 from service.settings import Settings
 from service.storage import UPLOAD, LocalStorage, job_file
 from service.workers import Workers
@@ -71,7 +72,7 @@ class Board:
     attempts: Attempts
     workers: Workers
 
-    def submit(self, *, owner: str = "ada", points: int = 100, iterations: int = 1) -> Job:
+    def submit(self, *, owner: str = "ada", points: int = 100, iterations: int = 1, size: int = 6) -> Job:
         """Accept a job with an upload of a few bytes."""
         job_id = new_id()
         scratch = self.storage.scratch()
@@ -81,7 +82,7 @@ class Board:
             job_id,
             owner=owner,
             parameters={"iterations": iterations},
-            upload={"name": "a", "format": "ply", "points": points},
+            upload={"name": "a", "format": "ply", "points": points, "bytes": size},
             warnings=[],
         )
 
@@ -99,10 +100,9 @@ class Board:
             return state
 
 
-@pytest.fixture
-def board(tmp_path: Path) -> Iterator[Board]:
-    """A board on a database of its own."""
-    settings = Settings(data_dir=tmp_path / "data", job_ttl=1000)
+@contextmanager
+def open_board(settings: Settings) -> Iterator[Board]:
+    """Open a board on the database of `settings`."""
     database.migrate(settings)
     engine = database.create_engine(settings)
     storage = LocalStorage(settings.data_dir)
@@ -110,6 +110,21 @@ def board(tmp_path: Path) -> Iterator[Board]:
     yield Board(settings, engine, storage, jobs, Attempts(engine, settings.job_ttl), Workers(engine))
     jobs.close()
     engine.dispose()
+
+
+@pytest.fixture
+def make_board(tmp_path: Path) -> Iterator[Callable[..., Board]]:
+    """Makes a board with these settings, on a database of its own."""
+    with ExitStack() as stack:
+        yield lambda **given: stack.enter_context(
+            open_board(Settings(data_dir=tmp_path / "data", job_ttl=1000, **given))
+        )
+
+
+@pytest.fixture
+def board(make_board: Callable[..., Board]) -> Board:
+    """A board on a database of its own."""
+    return make_board()
 
 
 @pytest.fixture(scope="session")

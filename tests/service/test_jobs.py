@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from conftest import Board
 
 from service.database import jobs as table
-from service.jobs import new_id
+from service.job import new_id
 from service.storage import UPLOAD, job_file
 
 

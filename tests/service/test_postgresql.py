@@ -13,7 +13,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from conftest import open_board
 from service_process import Service, write_sphere
+from test_admission import submit_at_once
+
+from service.idempotency import Claims
+from service.settings import Settings
 
 
 def _programs() -> Path:
@@ -56,11 +61,25 @@ def _server(programs: Path, folder: Path, user: str | None) -> Iterator[str]:
         subprocess.run([*control, "-m", "immediate", "stop"], user=user, check=True, capture_output=True)
 
 
+def test_the_queue_is_bounded_exactly(database_url: str, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=database_url, max_queued_points=1000, max_caller_points=1000)
+    with open_board(settings) as board:
+        accepted, refused = submit_at_once(board, 30, points=99)
+        assert (len(accepted), refused) == (10, ["queue_full"] * 20)
+        claim = Claims(board.engine).claim("ada", "key")
+        with board.engine.begin() as connection:
+            Claims.bind(connection, claim, accepted[0].id, "f")
+        assert Claims(board.engine).claim("ada", "key").job == accepted[0].id
+        board.jobs.cancel(accepted[0])
+        board.jobs.remove(accepted[0])
+        assert Claims(board.engine).claim("ada", "key").job is None
+
+
 def test_submit_resume_cancel_remove(database_url: str, tmp_path: Path) -> None:
     service = Service(tmp_path / "service", database_url=database_url, tile_points=512).start()
     path = write_sphere(tmp_path / "a.ply", 5000)
     job = service.submit(path)["id"]
-    service.wait_done(job, 512)
+    service.wait_done(job, 1024)  # so that the checkpoint of the first tile is written
     worker = service.child("service.worker")
     os.kill(worker, signal.SIGKILL)
     queued = service.submit(path)["id"]

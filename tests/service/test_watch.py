@@ -8,7 +8,7 @@ import pytest
 from conftest import Board
 from sqlalchemy.exc import OperationalError
 
-from service.jobs import Outlook
+from service.outlook import Outlook
 from service.problems import Problem
 from service.watch import LOOK_SECONDS, Watch
 

@@ -1,0 +1,52 @@
+"""A job: one row of the table of jobs."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, fields
+from typing import Any
+
+import sqlalchemy as sa
+
+LIVE = ("queued", "running", "cancelling")
+FINISHED = ("succeeded", "failed", "cancelled")
+
+
+@dataclass(frozen=True)
+class Job:
+    """Times are in milliseconds since 1970, progress in points times iterations."""
+
+    id: str
+    owner: str
+    status: str
+    parameters: dict[str, Any]
+    upload: dict[str, Any]
+    execution: dict[str, Any] | None
+    results: dict[str, Any] | None
+    warnings: list[str]
+    problem: dict[str, Any] | None
+    done: int
+    total: int
+    points_per_second: float | None
+    created_at: int
+    started_at: int | None
+    finished_at: int | None
+    expires_at: int | None
+    purged_at: int | None
+    open: bool
+    losses: int
+
+    @property
+    def live(self) -> bool:
+        """Whether it may still change."""
+        return self.status in LIVE
+
+
+def new_id() -> str:
+    """Return the id of a new job: 128 random bits in hex."""
+    return secrets.token_hex(16)
+
+
+def as_job(row: sa.RowMapping) -> Job:
+    """Return the row as a :class:`Job`."""
+    return Job(**{field.name: row[field.name] for field in fields(Job)})
