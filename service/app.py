@@ -7,13 +7,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Annotated
 
-from fastapi import Depends, FastAPI, Query, Request, Response
-from fastapi.responses import JSONResponse, RedirectResponse
+from fastapi import Depends, FastAPI, Header, Query, Request, Response
+from fastapi.responses import JSONResponse, RedirectResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 import pcdnf
 
-from . import catalogue, database, problems, results
+from . import catalogue, database, events, problems, results
 from .auth import Keys, caller
 from .catalogue import Model
 from .health import Readiness, readiness
@@ -22,7 +22,7 @@ from .inspection import Inspector
 from .job import FINISHED, Job
 from .jobs import Jobs
 from .middleware import Guard
-from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, DENOISED, NOT_MODIFIED, RESULT_RESPONSES, errors
+from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, DENOISED, EVENTS, NOT_MODIFIED, RESULT_RESPONSES, errors
 from .parameters import only_query
 from .preferences import preferred_wait
 from .problems import Problem
@@ -32,7 +32,7 @@ from .state import State, StateIn
 from .storage import LocalStorage
 from .submission import accept
 from .views import JobView, job_view, retry_after
-from .watch import Watch
+from .watch import Follower, Watch
 from .workers import Workers
 
 PAGE = 100  # most jobs of one answer
@@ -96,6 +96,15 @@ def _job(job_id: str, state: StateIn, owner: Annotated[str, Depends(caller)]) ->
 
 CallerIn = Annotated[str, Depends(caller)]
 JobIn = Annotated[Job, Depends(_job)]
+
+
+async def _follower(state: StateIn, job: JobIn) -> AsyncIterator[Follower]:
+    outlook = await run_in_threadpool(state.jobs.outlook, job)
+    with state.watch.following(job, outlook) as follower:
+        yield follower  # until the response has been sent
+
+
+FollowerIn = Annotated[Follower, Depends(_follower)]
 
 
 def _probes(app: FastAPI) -> None:
@@ -170,6 +179,22 @@ def _routes(app: FastAPI) -> None:
     def status(request: Request, state: StateIn, job: JobIn) -> Response:
         """Return the state of a job."""
         return _shown(request, state, job, 200)
+
+    @app.get(
+        "/jobs/{job_id}/events",
+        tags=["jobs"],
+        response_class=StreamingResponse,
+        dependencies=[Depends(only_query())],
+        responses=EVENTS | errors(401, 404, 410, 422, 429),
+    )
+    async def follow(
+        follower: FollowerIn,
+        last_event_id: Annotated[str | None, Header(description="`id` of the last event that arrived")] = None,
+    ) -> Response:
+        """Follow a job: server-sent events named `job`, each with the whole job, until it has finished."""
+        if not follower.job.live and last_event_id == events.event_id(follower.job, follower.outlook):
+            return Response(status_code=204)  # the browser's EventSource stops coming back
+        return events.respond(follower, last_event_id)
 
     @app.delete(
         "/jobs/{job_id}",

@@ -76,6 +76,13 @@ RESULT_RESPONSES: Responses = NOT_MODIFIED | {
     200: {"description": "The cloud", "content": {"application/ply": _BINARY, "application/x-npz": _BINARY}},
     206: {"description": "One range of it"},
 }
+EVENTS: Responses = {
+    200: {
+        "description": "Events named `job`, whose data is the job as GET /jobs/{id} shows it, in JSON",
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    },
+    204: {"description": "The job has finished, and the event with this Last-Event-ID told so"},
+}
 DELETED: Responses = {
     202: {"model": JobView, "description": "The worker was asked to stop"},
     204: {"description": "The finished job was removed"},

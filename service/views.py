@@ -64,6 +64,8 @@ def _time(milliseconds: int | None) -> datetime | None:
 def job_view(job: Job, outlook: Outlook) -> JobView:
     """Return what is shown of a job."""
     links = {"self": f"/jobs/{job.id}"}
+    if job.live:
+        links["events"] = f"/jobs/{job.id}/events"
     if job.status == "succeeded":
         links["result"] = f"/jobs/{job.id}/result"
     created = _time(job.created_at)

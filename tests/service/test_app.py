@@ -317,7 +317,8 @@ def test_the_running_api_has_no_torch(running: Service, done: dict[str, Any]) ->
 def test_openapi_shows_every_route_and_error(running: Service) -> None:
     document = running.client.get("/openapi.json").json()
     assert document["openapi"].startswith("3.1")
-    assert set(document["paths"]) == {"/denoise", "/jobs", "/jobs/{job_id}", "/jobs/{job_id}/result", "/models",
+    assert set(document["paths"]) == {"/denoise", "/jobs", "/jobs/{job_id}", "/jobs/{job_id}/result",
+                                      "/jobs/{job_id}/events", "/models",
                                       "/livez", "/readyz"}  # fmt: skip
     for path, operations in document["paths"].items():
         for operation in operations.values():
