@@ -23,6 +23,7 @@ from .job import FINISHED, Job
 from .jobs import Jobs
 from .middleware import Guard
 from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, DENOISED, EVENTS, NOT_MODIFIED, RESULT_RESPONSES, errors
+from .origin import Origins
 from .parameters import only_query
 from .preferences import preferred_wait
 from .problems import Problem
@@ -54,11 +55,12 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         summary="Upload a point cloud, get it back with less noise and with normals.",
         lifespan=_lifespan,
         redoc_url=None,
-        responses=errors(500, 503),
+        responses=errors(403, 500, 503),
     )
     app.state.settings = settings
     app.state.keys = Keys.of(settings)
     app.state.rates = Rates(settings.caller_requests_per_minute)
+    app.add_middleware(Origins, settings=settings)
     app.add_middleware(Guard, max_requests=settings.max_requests)
     problems.install(app)
     _probes(app)

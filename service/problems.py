@@ -22,6 +22,7 @@ MEDIA_TYPE = "application/problem+json"
 CATALOGUE: dict[str, tuple[int, str]] = {
     "bad_request": (400, "Bad request"),
     "not_authenticated": (401, "A key is needed"),
+    "cross_site": (403, "Not from another site"),
     "not_found": (404, "No such page"),
     "job_not_found": (404, "No such job"),
     "method_not_allowed": (405, "Method not allowed"),
