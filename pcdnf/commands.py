@@ -8,12 +8,13 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import DEFAULT_ITERATIONS
 from .errors import PcdnfError
+from .file_formats import SUFFIXES, TEXT_FORMATS, titles
 from .formats import Limits, PointCloud, read, write
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-SUFFIXES: dict[str, Literal["ply", "npz"]] = {".ply": "ply", ".npz": "npz"}
 _NPY_MAGIC = b"\x93NUMPY"
 
 
@@ -29,12 +29,18 @@ def add_denoise(subparsers: Subparsers) -> None:
     """Add the command ``denoise``."""
     parser = subparsers.add_parser(
         "denoise",
-        help="denoise a PLY or NPZ file",
+        help=f"denoise a file: {titles()}",
         description="Denoise a point cloud. Colours, other properties, comments, types and order are kept; "
         "normals are added. The result says how it was made.",
     )
-    parser.add_argument("input", type=Path, help="PLY (text or binary) or NPZ with `points`")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="written as the input was, or as .ply, .npz")
+    parser.add_argument("input", type=Path, help=f"{titles()} (see docs/formats.md)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        help="written as its ending says (.ply, .npz, …), else as the input was",
+    )
     parser.add_argument(
         "--iterations",
         type=_positive,
@@ -83,7 +89,7 @@ def _denoise(options: argparse.Namespace) -> int:
     result = _run(denoiser, cloud, options)
     seconds = time.monotonic() - began
     denoised = cloud.replaced(result.points, result.normals, metadata=result.metadata)
-    notes = cloud.warnings + _written(options.output, denoised)
+    notes = cloud.warnings + _written(options.output, denoised, options.input)
     if result.flagged.any():
         notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
     for note in notes:
@@ -129,10 +135,12 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
         )
 
 
-def _written(path: Path, cloud: PointCloud) -> list[str]:
+def _written(path: Path, cloud: PointCloud, source: Path) -> list[str]:
     """Write a result in the format its name asks for, else in that of the input; what could not be kept."""
+    ending = path.suffix.lower()
+    as_it_came = cloud.flavour.format in TEXT_FORMATS and ending == source.suffix.lower()  # a .txt may hold commas
     try:
-        return write(path, cloud, format=SUFFIXES.get(path.suffix.lower()))
+        return write(path, cloud, format=None if as_it_came else SUFFIXES.get(ending))
     except OSError as error:
         raise PcdnfError(
             f"{path} cannot be written: {error.strerror or type(error).__name__}.",

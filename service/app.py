@@ -12,10 +12,13 @@ from fastapi.responses import JSONResponse, RedirectResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 import pcdnf
+from pcdnf.file_formats import FORMATS
 
 from . import catalogue, database, events, problems, results
 from .auth import Keys, caller
 from .catalogue import Model
+from .children import Children
+from .conversion import Converter
 from .health import Readiness, readiness
 from .idempotency import Claims
 from .inspection import Inspector
@@ -79,7 +82,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.claims = Claims(engine)
     app.state.watch = Watch(app.state.jobs, settings.max_streams)
     app.state.workers = Workers(engine)
-    app.state.inspector = Inspector(settings)
+    children = Children(settings)
+    app.state.inspector = Inspector(children, settings)
+    app.state.converter = Converter(children, app.state.jobs, storage, settings)
     try:
         yield
     finally:
@@ -226,18 +231,22 @@ def _routes(app: FastAPI) -> None:
         dependencies=[Depends(only_query("format"))],
         responses=RESULT_RESPONSES | errors(401, 404, 406, 409, 410, 416, 422, 429),
     )
-    def result(
+    async def result(
         request: Request,
         state: StateIn,
         job: JobIn,
         format_: Annotated[
-            str | None, Query(alias="format", pattern="^(ply|npz)$", description="In place of `Accept`")
+            str | None,
+            Query(alias="format", pattern=f"^({'|'.join(FORMATS)})$", description="In place of `Accept`"),
         ] = None,
     ) -> Response:
         """Return the denoised cloud, as the format that came in or as the one asked for."""
-        if job.status == "succeeded":
-            return results.respond(request, job, state.storage, format_)
-        raise _no_result(state, job)
+        if job.status != "succeeded":
+            raise await run_in_threadpool(_no_result, state, job)
+        name = results.wanted(request, job, format_)
+        if name not in (job.results or {}):
+            job = await state.converter.with_format(job, name)
+        return results.respond(request, job, state.storage, name)
 
 
 def _no_result(state: State, job: Job) -> Problem:

@@ -7,6 +7,7 @@ conditional UPDATE, so that the API and a worker that act at the same moment can
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import Any
 
 import sqlalchemy as sa
@@ -161,6 +162,15 @@ class Jobs:
             self._client.cancel_workflow(job.id)
             self._storage.delete_job(job.id)
         return self.status(job.id, job.owner)
+
+    def add_result(self, job: Job, format_: str, facts: dict[str, Any], warnings: list[str]) -> Job:
+        """Note that the result of a finished job is there in one more format; return the job as it is now."""
+        results = (job.results or {}) | {format_: facts}
+        told = job.warnings + [warning for warning in warnings if warning not in job.warnings]
+        query = table.update().where(table.c.id == job.id, table.c.status == "succeeded")
+        with self._engine.begin() as connection:
+            connection.execute(query.values(results=results, warnings=told))
+        return replace(job, results=results, warnings=told)
 
     def remove(self, job: Job) -> bool:
         """Remove a finished job, its files and its row; False if it is live."""

@@ -8,6 +8,8 @@ from typing import Any
 from .idempotency import HEADER, LONGEST_KEY
 from .parameters import Parameters
 from .problems import MEDIA_TYPE, ProblemDetail
+from .results import MEDIA_TYPES
+from .uploads import RAW_TYPES
 from .views import JobView
 
 Responses = dict[int | str, dict[str, Any]]
@@ -60,10 +62,8 @@ DENOISE_BODY = {
                 "properties": {"file": {"type": "string", "format": "binary"}} | _fields(),
             }
         },
-        "application/ply": _BINARY,
-        "application/x-npz": _BINARY,
-        "application/octet-stream": _BINARY,
-    },
+    }
+    | dict.fromkeys(RAW_TYPES, _BINARY),
 }
 _LOCATION = {"Location": {"description": "Where the job is", "schema": {"type": "string"}}}
 _APPLIED = {"Preference-Applied": {"description": "The seconds in force of `wait`", "schema": {"type": "string"}}}
@@ -73,7 +73,7 @@ DENOISED: Responses = {
 }
 NOT_MODIFIED: Responses = {304: {"description": "Not changed since the ETag in If-None-Match"}}
 RESULT_RESPONSES: Responses = NOT_MODIFIED | {
-    200: {"description": "The cloud", "content": {"application/ply": _BINARY, "application/x-npz": _BINARY}},
+    200: {"description": "The cloud", "content": dict.fromkeys(MEDIA_TYPES.values(), _BINARY)},
     206: {"description": "One range of it"},
 }
 EVENTS: Responses = {

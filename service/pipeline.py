@@ -12,7 +12,7 @@ import functools
 import logging
 import time
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from dbos import DBOS
@@ -20,6 +20,7 @@ from dbos import error as dbos_error
 
 from pcdnf.denoiser import Stopped
 from pcdnf.errors import PcdnfError
+from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
 
 from .attempts import MAX_LOSSES
@@ -28,7 +29,7 @@ from .job import Job
 from .models import denoise_tile
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime
-from .storage import UPLOAD, job_file
+from .storage import UPLOAD, job_file, sha256
 from .work import (
     Progress,
     load_arrays,
@@ -36,14 +37,13 @@ from .work import (
     prepared,
     read_upload,
     result_name,
-    sha256,
     store_arrays,
     tile_name,
 )
 
 log = logging.getLogger(__name__)
 
-FORMATS: tuple[Literal["ply", "npz"], ...] = ("ply", "npz")
+STORED = ("ply", "npz")  # beside the format that came in; the others are written when they are asked for
 MAX_DISPATCHES = 1000  # a backstop of the engine; our own count of losses ends a bad job long before
 Outcome = dict[str, Any]
 
@@ -119,7 +119,7 @@ def _run(job: Job) -> str:
     results = _checked(finish(job.id))
     if not shared.attempts.succeed(job.id, results["results"], results["warnings"]):
         raise Ended
-    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, *map(result_name, FORMATS)}))
+    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, *map(result_name, results["results"])}))
     log.info("job %s succeeded", job.id)
     return "succeeded"
 
@@ -207,7 +207,7 @@ def merge(runtime: Runtime, job: Job, iteration: int, tiles: list[list[int]]) ->
 
 @_step
 def finish(runtime: Runtime, job: Job) -> Outcome:
-    """Write the result in both formats, with what is needed to repeat the run in its metadata."""
+    """Write the result as it came in, as PLY and as NPZ, with what is needed to repeat the run in its metadata."""
     parameters = job.parameters
     merged = load_arrays(runtime, job.id, merged_name(parameters["iterations"] - 1))
     given = read_upload(runtime, job)
@@ -216,15 +216,15 @@ def finish(runtime: Runtime, job: Job) -> Outcome:
     cloud = given.replaced(merged["points"], merged["normals"], metadata=metadata)
     warnings = list(given.warnings)
     results = {}
-    for name in FORMATS:
+    for name in dict.fromkeys((given.flavour.format, *STORED)):
         scratch = runtime.storage.scratch()
         try:
             notes = write(scratch, cloud, format=name)
         except PcdnfError as error:
             if name == given.flavour.format:
                 raise
-            # The other format cannot hold everything this file carries.
-            warnings.append(f"There is no {name.upper()} result. {error}")
+            # This format cannot hold everything this file carries.
+            warnings.append(f"There is no {FORMATS[name].title} result. {error}")
             continue
         warnings += notes
         results[name] = {"size": scratch.stat().st_size, "sha256": sha256(scratch)}

@@ -8,30 +8,43 @@ import re
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
 
+from pcdnf.file_formats import FORMATS, available
+
 from .job import Job
 from .problems import Problem
 from .storage import Storage, job_file
 
-MEDIA_TYPES = {"ply": "application/ply", "npz": "application/x-npz"}
+MEDIA_TYPES = {name: FORMATS[name].media_type for name in available()}
 _RANGE = re.compile(r"^bytes=(\d*)-(\d*)$", re.ASCII)
 
 
-def respond(request: Request, job: Job, storage: Storage, format_: str | None) -> Response:
-    """Return the response with the result of `job`, which has succeeded.
+def wanted(request: Request, job: Job, format_: str | None) -> str:
+    """Return the format to answer with: `format_`, else by ``Accept``, else the one that came in.
 
     Raises
     ------
     Problem
-        406 where the format asked for is not there, 416 for a range outside the file.
+        406 where it is none that can be written here.
     """
-    results = job.results or {}
     name = format_ or _accepted(request.headers.get("accept", "*/*"), job.upload["format"])
-    if name is None or name not in results:
+    if name is None or name not in MEDIA_TYPES:
         raise Problem(
             "not_acceptable",
-            "The result is not there in a format that was asked for.",
-            hint=f"It is there as {' and '.join(MEDIA_TYPES[key] for key in results)}.",
+            "The result cannot be had in a format that was asked for.",
+            hint=f"It can be had as {', '.join(dict.fromkeys(MEDIA_TYPES.values()))}.",
         )
+    return name
+
+
+def respond(request: Request, job: Job, storage: Storage, name: str) -> Response:
+    """Return the response with the result of `job` in the format `name`, in which it is there.
+
+    Raises
+    ------
+    Problem
+        416 for a range outside the file.
+    """
+    results = job.results or {}
     digest = base64.b64encode(bytes.fromhex(results[name]["sha256"])).decode()
     etag = f'"{results[name]["sha256"][:32]}"'
     headers = {
@@ -59,7 +72,8 @@ def _accepted(accept: str, own: str) -> str | None:
     for item in accept.split(","):
         kind, *options = (part.strip().lower() for part in item.split(";"))
         for name in weights:
-            rank = {"*/*": 0, "application/*": 1, MEDIA_TYPES[name]: 2}.get(kind, -1)
+            media_type = MEDIA_TYPES.get(name, "")
+            rank = {"*/*": 0, f"{media_type.split('/')[0]}/*": 1, media_type: 2}.get(kind, -1)
             if kind == "application/octet-stream" and name == own:
                 rank = 2
             if rank > specificity[name]:

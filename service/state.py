@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from fastapi import Depends, Request
 
 from .auth import Keys
+from .conversion import Converter
 from .idempotency import Claims
 from .inspection import Inspector
 from .jobs import Jobs
@@ -31,6 +32,7 @@ class State:
     watch: Watch
     workers: Workers
     inspector: Inspector
+    converter: Converter
 
 
 def _state(request: Request) -> Any:

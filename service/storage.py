@@ -6,6 +6,7 @@ A name is a relative path such as ``jobs/<id>/upload``. Writers fill a local fil
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import time
@@ -15,6 +16,12 @@ from pathlib import Path
 from typing import Protocol
 
 UPLOAD = "upload"
+
+
+def sha256(path: Path) -> str:
+    """Return the hash of a file in hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def job_file(job_id: str, name: str) -> str:

@@ -64,7 +64,7 @@ def _again(state: State, claim: Claim, upload: Upload, parameters: Parameters) -
 async def _queue(
     state: State, owner: str, path: Path, upload: Upload, parameters: Parameters, claim: Claim | None
 ) -> Job:
-    found = await state.inspector.inspect(path, parameters)
+    found = await state.inspector.inspect(path, parameters, text=upload.is_text)
     job_id = new_id()
     await run_in_threadpool(state.storage.put, path, job_file(job_id, UPLOAD))
 

@@ -18,10 +18,14 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
+from pcdnf.file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, available, titles
+
 from .problems import Problem
 from .settings import MIB, Settings
 
-RAW_TYPES = ("application/ply", "application/x-npz", "application/octet-stream")
+OTHER_TYPES = ("application/octet-stream",)  # beside the formats' own
+RAW_TYPES = tuple(dict.fromkeys([*(FORMATS[name].media_type for name in available()), *OTHER_TYPES]))
+TEXT_TYPES = tuple(FORMATS[name].media_type for name in TEXT_FORMATS)
 RATE_GRACE_SECONDS = 10.0
 WRITE_BYTES = MIB  # written to disk at a time, off the event loop
 MULTIPART_OVERHEAD = 64 * 1024  # what headers, boundaries and fields may add to the file
@@ -40,14 +44,20 @@ class Upload:
     size: int
     sha256: str  # of the file, in hex
     fields: list[tuple[str, str]]
+    is_text: bool = False  # by its type or its name it may be columns of text, which nothing in it tells
 
 
 def clean_name(name: str | None) -> str:
     """Return the stem of a caller's file name, reduced to what is safe in a header and on any disk."""
     stem = re.split(r"[/\\]", name or "")[-1]
-    stem = re.sub(r"\.(ply|npz)$", "", stem, flags=re.IGNORECASE)
+    stem = stem[: -len(_suffix(stem))] if _suffix(stem) in SUFFIXES else stem
     stem = re.sub(r"[^\w .()+-]", "_", stem).strip(" ._")
     return stem[:MAX_NAME].rstrip(" .") or FALLBACK_NAME
+
+
+def _suffix(name: str) -> str:
+    """The ending of a file name in lower case, with its dot; empty for none."""
+    return "." + name.rpartition(".")[2].lower() if "." in name else ""
 
 
 async def receive(request: Request, path: Path, settings: Settings) -> Upload:
@@ -76,7 +86,8 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
         raise
     if upload.size == 0:
         path.unlink(missing_ok=True)
-        raise Problem("empty_upload", "The upload has no bytes.", hint="Send a PLY or NPZ file.")
+        raise Problem("empty_upload", "The upload has no bytes.", hint=f"Send {titles()}.")
+    upload.is_text |= content_type in TEXT_TYPES
     return upload
 
 
@@ -186,7 +197,10 @@ async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path)
         raise Problem("invalid_upload", "The multipart body is malformed or incomplete.")
     if form.files != 1:
         raise _not_one_file(form.files)
-    return sink.finished(path, clean_name(form.file_name), form.fields)
+    upload = sink.finished(path, clean_name(form.file_name), form.fields)
+    ending = SUFFIXES.get(_suffix(form.file_name or ""))
+    upload.is_text = form.content_type in TEXT_TYPES or ending in TEXT_FORMATS
+    return upload
 
 
 class _Form:
@@ -197,13 +211,14 @@ class _Form:
         self.fields: list[tuple[str, str]] = []
         self.files = 0
         self.file_name: str | None = None
+        self.content_type = ""
         self.complete = False
         self._header, self._value, self._content = b"", b"", b""
-        self._disposition = b""
+        self._disposition, self._type = b"", b""
         self._name = ""
 
     def begin(self) -> None:
-        self._disposition, self._content, self._name = b"", b"", ""
+        self._disposition, self._type, self._content, self._name = b"", b"", b"", ""
 
     def header_name(self, data: bytes, start: int, end: int) -> None:
         self._header += data[start:end]
@@ -214,6 +229,8 @@ class _Form:
     def header_end(self) -> None:
         if self._header.lower() == b"content-disposition":
             self._disposition = self._value
+        if self._header.lower() == b"content-type":
+            self._type = self._value
         self._header, self._value = b"", b""
 
     def headers_finished(self) -> None:
@@ -224,6 +241,7 @@ class _Form:
             if self.files > 1:
                 raise _not_one_file(self.files)
             self.file_name = options.get(b"filename", b"").decode("utf-8", "replace")
+            self.content_type = parse_options_header(self._type)[0].decode("latin-1").lower()
         elif len(self.fields) >= MAX_FIELDS:
             raise Problem("invalid_upload", "The form has too many fields.", limit=MAX_FIELDS)
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 from pcdnf.cloud import Frame
 from pcdnf.denoiser import Cloud, Denoiser, iteration_seed
 from pcdnf.errors import PcdnfError
+from pcdnf.file_formats import TEXT_FORMATS
 from pcdnf.formats import Limits, PointCloud, read
 
 from .job import Job
@@ -64,13 +63,8 @@ def read_upload(runtime: Runtime, job: Job) -> PointCloud:
         max_bytes=runtime.settings.max_inflated_bytes,
         nonfinite=job.parameters["nonfinite"],
     )
-    return read(runtime.storage.local(job_file(job.id, UPLOAD)), limits=limits)
-
-
-def sha256(path: Path) -> str:
-    """Return the hash of a file in hex."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    path = runtime.storage.local(job_file(job.id, UPLOAD))
+    return read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
 
 
 class Progress:

@@ -1,4 +1,5 @@
-"""Point-cloud files: PLY and NPZ, read by our own checked readers and written back as they came.
+"""Point-cloud files, read by our own checked readers and written back as they came; ``pcdnf.file_formats``
+lists them.
 
 >>> from pcdnf.formats import read, write
 >>> cloud = read("scan.ply")
@@ -8,17 +9,20 @@ Reading takes no memory on the word of a header, evaluates nothing and unpickles
 does not import torch.
 """
 
-from .cloud import Limits, NpzFlavour, PlyFlavour, PointCloud
+from .cloud import Limits, PointCloud
 from .errors import CODES, FormatError
 from .files import read, sniff, write
+from .flavours import NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
 
 __all__ = [
     "CODES",
     "FormatError",
     "Limits",
     "NpzFlavour",
+    "PcdFlavour",
     "PlyFlavour",
     "PointCloud",
+    "XyzFlavour",
     "read",
     "sniff",
     "write",

@@ -14,7 +14,7 @@ import argparse
 import json
 import resource
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -32,21 +32,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m pcdnf.formats.check", description="Check a point-cloud file.")
     parser.add_argument("path")
     parser.add_argument("--limits-json", default="{}", help="fields of pcdnf.formats.Limits")
-    parser.add_argument("--memory-bytes", type=int, help="address space that reading may add")
-    parser.add_argument("--cpu-seconds", type=int, help="processor time that reading may take")
+    parser.add_argument("--text", action="store_true", help="without known first bytes it is columns of text")
+    add_restraints(parser)
     given = parser.parse_args(arguments)
     try:
         limits = Limits(**json.loads(given.limits_json))
     except (TypeError, ValueError) as error:
         parser.error(f"--limits-json: {error}")
-    _restrain(given.memory_bytes, given.cpu_seconds)
-    print(json.dumps(answer(given.path, limits)))
+    restrain(given.memory_bytes, given.cpu_seconds)
+    print(json.dumps(guarded(lambda: describe(given.path, limits, text=given.text))))
 
 
-def answer(path: str, limits: Limits) -> dict[str, Any]:
-    """What :func:`main` prints."""
+def guarded(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What ``work`` returns, or the refusal it ends with, as a JSON object."""
     try:
-        cloud = read(path, limits=limits)
+        return work()
     except FormatError as error:
         return _refusal(error)
     except MemoryError:
@@ -57,6 +57,11 @@ def answer(path: str, limits: Limits) -> dict[str, Any]:
                 hint="Cut the cloud into parts, or thin it out.",
             )
         )
+
+
+def describe(path: str, limits: Limits, *, text: bool) -> dict[str, Any]:
+    """What :func:`main` prints for a file that can be read."""
+    cloud = read(path, limits=limits, text=text)
     return {
         "ok": True,
         "format": cloud.flavour.format,
@@ -78,7 +83,13 @@ def _refusal(error: FormatError) -> dict[str, Any]:
     }
 
 
-def _restrain(memory_bytes: int | None, cpu_seconds: int | None) -> None:
+def add_restraints(parser: argparse.ArgumentParser) -> None:
+    """Add the options for :func:`restrain`."""
+    parser.add_argument("--memory-bytes", type=int, help="address space that the work may add")
+    parser.add_argument("--cpu-seconds", type=int, help="processor time that the work may take")
+
+
+def restrain(memory_bytes: int | None, cpu_seconds: int | None) -> None:
     """Limit what this process may still take."""
     if memory_bytes is not None:
         statm = Path("/proc/self/statm")

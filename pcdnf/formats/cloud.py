@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import FormatError
+from .flavours import NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
 
 Array = NDArray[Any]
+Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour
 
 FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 """Types of coordinates and normals in memory."""
@@ -49,28 +51,6 @@ class Limits:
             raise ValueError("max_points, max_bytes and minimum_points must be at least 1")
 
 
-@dataclass(frozen=True)
-class PlyFlavour:
-    """How a PLY stored its vertices: the encoding, and (name, type as spelled) in file order."""
-
-    encoding: str = "binary_little_endian"
-    properties: tuple[tuple[str, str], ...] = ()
-    normals: tuple[str, str, str] = ("nx", "ny", "nz")
-    format: Literal["ply"] = "ply"
-
-
-@dataclass(frozen=True)
-class NpzFlavour:
-    """How an NPZ stored its arrays: member names in order, types of the two known ones."""
-
-    members: tuple[str, ...] = ("points",)
-    points: str = "points"
-    points_dtype: str = "<f4"
-    normals_dtype: str | None = None
-    compressed: bool = True
-    format: Literal["npz"] = "npz"
-
-
 @dataclass(kw_only=True)
 class PointCloud:
     """Points and everything their file carried with them.
@@ -89,8 +69,8 @@ class PointCloud:
         Header lines of a PLY; our own metadata is not among them.
     metadata : dict of str to str
         What an earlier denoising recorded (PLY comments ``pcdnf <key>: <value>``, NPZ ``pcdnf_<key>``).
-    flavour : PlyFlavour or NpzFlavour
-        How it was stored, so that it can go back the same way.
+    flavour : Flavour
+        How it was stored, one of the classes of ``flavours.py``, so that it can go back the same way.
     warnings : list of str
         Sentences on what was skipped or converted while reading.
     dropped : (D,) int64 array
@@ -104,7 +84,7 @@ class PointCloud:
     comments: list[str] = field(default_factory=list)
     obj_info: list[str] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
-    flavour: PlyFlavour | NpzFlavour = field(default_factory=PlyFlavour)
+    flavour: Flavour = field(default_factory=PlyFlavour)
     warnings: list[str] = field(default_factory=list)
     dropped: Array = field(default_factory=lambda: np.empty(0, np.int64))
 

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloud import NpzFlavour, PlyFlavour, PointCloud
+from .cloud import PointCloud
 from .errors import FormatError, shown
+from .flavours import NpzFlavour, PlyFlavour
 from .ply_header import SPELLINGS, TYPES
+from .values import numeric_attributes, with_eight_bit_colours
 
 Column = tuple[str, str, NDArray[Any]]
 """Name, PLY type as spelled, (N,) values."""
@@ -48,7 +50,10 @@ def ply_columns(cloud: PointCloud) -> tuple[list[Column], list[str]]:
     columns = _role(("x", "y", "z"), cloud.points, declared)
     if cloud.normals is not None:
         columns |= _role(flavour.normals, cloud.normals, declared)
-    for member, values in cloud.attributes.items():
+    attributes, notes = numeric_attributes(cloud, "PLY")
+    if not isinstance(cloud.flavour, PlyFlavour | NpzFlavour):
+        attributes = with_eight_bit_colours(attributes)
+    for member, values in attributes.items():
         for part, column in _flat(member, values):
             taken = columns.keys() | (declared.keys() - {member})
             name = part if part in declared and part not in columns else _fresh_property(part, taken)
@@ -62,7 +67,7 @@ def ply_columns(cloud: PointCloud) -> tuple[list[Column], list[str]]:
     after = max(order.index(name) for name in "xyz") + 1
     order[after:after] = [name for name in flavour.normals if name not in declared]
     ordered = [name for name in order if name in columns] + [name for name in columns if name not in order]
-    notes = [f"PLY holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
+    notes += [f"PLY holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
     return [columns[name] for name in ordered], notes
 
 
@@ -119,11 +124,18 @@ def _fresh(name: str, taken: Collection[str]) -> str:
     return next(candidate for candidate in candidates if candidate not in taken)
 
 
-def npz_members(cloud: PointCloud) -> dict[str, NDArray[Any]]:
+def npz_members(cloud: PointCloud) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Everything a cloud carries as NPZ members, in the order and types of the file they came from.
 
     Metadata, comments and the like are text scalars named ``pcdnf_<key>``.
+
+    Returns
+    -------
+    members : dict of str to array
+    notes : list of str
+        What an NPZ cannot carry: columns of words.
     """
+    attributes, notes = numeric_attributes(cloud, "NPZ")
     flavour = cloud.flavour if isinstance(cloud.flavour, NpzFlavour) else None
     points_name = flavour.points if flavour else "points"
     points_dtype = np.dtype(flavour.points_dtype) if flavour else cloud.points.dtype
@@ -136,7 +148,7 @@ def npz_members(cloud: PointCloud) -> dict[str, NDArray[Any]]:
             stored = cloud.normals.dtype
         members["normals"] = cloud.normals.astype(stored, copy=False)
     reserved = set() if flavour else ROLE_MEMBERS
-    for name, values in [*cloud.attributes.items(), *cloud.extras.items()]:
+    for name, values in [*attributes.items(), *cloud.extras.items()]:
         legal = re.sub(r"[\x00-\x1f/\\]", "_", name)
         members[_fresh(legal, members.keys() | reserved)] = values
     order = flavour.members if flavour else ()
@@ -145,7 +157,7 @@ def npz_members(cloud: PointCloud) -> dict[str, NDArray[Any]]:
     for key, lines in (("comments", cloud.comments), ("obj_info", cloud.obj_info)):
         if lines:
             texts[f"pcdnf_{key}"] = "\n".join(lines)
-    return ordered | {name: np.array(_printable(text)) for name, text in texts.items()}
+    return ordered | {name: np.array(_printable(text)) for name, text in texts.items()}, notes
 
 
 def _printable(text: str) -> str:

@@ -1,55 +1,82 @@
-"""Reading and writing by path: what a file is by its first bytes, and replacing one in a single step."""
+"""Reading and writing by path, and replacing a file in a single step."""
 
 from __future__ import annotations
 
 import os
 import secrets
 import stat
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import BinaryIO
 
+from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
 from .cloud import Limits, PointCloud
 from .errors import FormatError
 from .npz import read_npz, write_npz
+from .pcd import read_pcd, write_pcd
 from .ply import read_ply, write_ply
+from .xyz import read_xyz, write_xyz
 
-MAGIC: dict[bytes, Literal["ply", "npz"]] = {b"ply\n": "ply", b"ply\r\n": "ply", b"PK\x03\x04": "npz"}
-"""First bytes, and the format they announce."""
+READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz}
+WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
+    "ply": write_ply,
+    "npz": write_npz,
+    "pcd": write_pcd,
+    "xyz": partial(write_xyz, format_="xyz"),
+    "csv": partial(write_xyz, format_="csv"),
+    "pts": partial(write_xyz, format_="pts"),
+}
 
-READERS = {"ply": read_ply, "npz": read_npz}
-WRITERS = {"ply": write_ply, "npz": write_npz}
+_MAGIC_BYTES = 8
 
 
-def sniff(head: bytes) -> Literal["ply", "npz"]:
-    """The format of a file by its first bytes (8 are enough), never by its name.
+def sniff(head: bytes, *, text: bool = False) -> str:
+    """The format of a file by its first bytes (8 are enough); "xyz" for others when ``text`` says so.
 
     Raises
     ------
     FormatError
-        ``empty_file`` or ``unknown_format``.
+        ``empty_file``, ``unknown_format``, or ``missing_extra`` for a format whose library is not there.
     """
-    for magic, name in MAGIC.items():
-        if head.startswith(magic):
+    for name, format_ in FORMATS.items():
+        if head.startswith(format_.magic):
+            check_available(name)
             return name
     if not head:
-        raise FormatError("The file is empty.", code="empty_file", hint="Send a PLY or an NPZ file.")
+        raise FormatError("The file is empty.", code="empty_file", hint=f"Send {titles()}.")
+    if text:
+        return "xyz"
     raise FormatError(
-        "The file is neither PLY nor NPZ: its first bytes are neither a line `ply` nor PK 03 04.",
+        f"The file is not of a known format: its first bytes are none of those of {titles()}.",
         code="unknown_format",
-        hint="Send a PLY file, or arrays saved with numpy.savez(path, points=…).",
+        hint="Send a PLY file, or arrays saved with numpy.savez(path, points=…); name text files .xyz or .csv.",
     )
 
 
-def read(path: str | os.PathLike[str], *, limits: Limits | None = None) -> PointCloud:
+def check_available(name: str) -> None:
+    """Raise ``missing_extra`` unless the library of a format is installed."""
+    format_ = FORMATS[name]
+    if not format_.available:
+        raise FormatError(
+            f"{format_.title} needs the library {format_.library}, which is not installed here.",
+            code="missing_extra",
+            hint=f"Install it with: pip install 'pcdnf[{format_.extra}]'; or convert the file to PLY.",
+        )
+
+
+def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bool | None = None) -> PointCloud:
     """Read a point cloud, checking every size before memory is taken for it.
 
     Parameters
     ----------
     path : path-like
-        A PLY or an NPZ, whatever its name.
+        A file of a format of :data:`pcdnf.file_formats.FORMATS`, whatever its name.
     limits : Limits, optional
         What is accepted; by default anything a machine can hold.
+    text : bool, optional
+        Whether a file whose first bytes say nothing is columns of text; by default its name tells.
 
     Returns
     -------
@@ -72,9 +99,13 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Point
                 limit=limits.max_bytes,
                 actual=size,
             )
-        kind = sniff(file.read(8))
+        kind = sniff(file.read(_MAGIC_BYTES), text=_is_text(path) if text is None else text)
         file.seek(0)
         return READERS[kind](file, size, limits)
+
+
+def _is_text(path: str | os.PathLike[str]) -> bool:
+    return SUFFIXES.get(Path(path).suffix.lower()) in TEXT_FORMATS
 
 
 def _check_regular(path: str | os.PathLike[str]) -> None:
@@ -98,7 +129,7 @@ def _unreadable(why: str) -> FormatError:
     )
 
 
-def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: Literal["ply", "npz"] | None = None) -> list[str]:
+def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: str | None = None) -> list[str]:
     """Write a cloud in one step: a reader sees the old file or the whole new one, also after a power loss.
 
     Parameters
@@ -106,7 +137,8 @@ def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: Literal["p
     path : path-like
         Replaced if it exists.
     cloud : PointCloud
-    format : {"ply", "npz"}, optional
+    format : str, optional
+        A name of :data:`pcdnf.file_formats.FORMATS`.
         By default as the cloud came, with the same encoding, types, names and order.
 
     Returns
@@ -117,10 +149,11 @@ def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: Literal["p
     Raises
     ------
     FormatError
-        ``cannot_store``.
+        ``cannot_store`` or ``missing_extra``.
     OSError
         When the disk refuses.
     """
+    check_available(format or cloud.flavour.format)
     target = Path(path)
     temporary = target.with_name(f".pcdnf-{secrets.token_hex(8)}.tmp")
     try:

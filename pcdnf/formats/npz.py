@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .archive import NOTE_PREFIX, read_directory
-from .cloud import Limits, NpzFlavour, PointCloud, check_count, check_enough, checked
+from .cloud import Limits, PointCloud, check_count, check_enough, checked
 from .columns import POINT_MEMBERS, npz_members
 from .errors import FormatError, shown
+from .flavours import NpzFlavour
 from .inflate import Member, MemberStream
 from .npy import read_array, read_array_header, read_text, shape_text
 
@@ -166,15 +167,16 @@ def write_npz(file: BinaryIO, cloud: PointCloud) -> list[str]:
     Returns
     -------
     list of str
-        What could not be carried over: nothing.
+        What could not be carried over.
     """
+    members, notes = npz_members(cloud)
     compressed = not isinstance(cloud.flavour, NpzFlavour) or cloud.flavour.compressed
     method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     write_array: Any = np.lib.format.write_array  # has no types before numpy 2.4
     with zipfile.ZipFile(file, "w") as archive:
-        for name, array in npz_members(cloud).items():
+        for name, array in members.items():
             info = zipfile.ZipInfo(f"{name}.npy", _SAVED_AT)
             info.compress_type = method
             with archive.open(info, "w", force_zip64=array.nbytes > _LARGEST_PLAIN_MEMBER) as member:
                 write_array(member, array, allow_pickle=False)
-    return []
+    return notes

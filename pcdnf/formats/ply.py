@@ -7,9 +7,10 @@ from typing import Any, BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloud import Limits, PlyFlavour, PointCloud, check_count, check_enough, checked
+from .cloud import Limits, PointCloud, check_count, check_enough, checked
 from .columns import ply_columns
 from .errors import FormatError, shown
+from .flavours import PlyFlavour
 from .ply_header import BYTE_ORDERS, TYPES, Element, Header, header_bytes, note_lines, read_header
 from .ply_lists import skip_lists
 from .ply_text import TextBody, write_rows

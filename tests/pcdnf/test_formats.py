@@ -13,15 +13,24 @@ import numpy as np
 import pytest
 
 from pcdnf.errors import PcdnfError
-from pcdnf.formats import CODES, FormatError, Limits, NpzFlavour, PlyFlavour, PointCloud, read, sniff, write
+from pcdnf.file_formats import FORMATS
+from pcdnf.formats import CODES, FormatError, Limits, NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, sniff, write
 from pcdnf.formats.check import main
 from pcdnf.formats.cloud import row_ranges
 
 POINTS = np.random.default_rng(0).normal(size=(20, 3))
-FLAVOURS = [PlyFlavour(), PlyFlavour("ascii"), PlyFlavour("binary_big_endian"), NpzFlavour()]
+FLAVOURS = {
+    "binary": PlyFlavour(),
+    "text": PlyFlavour("ascii"),
+    "big-endian": PlyFlavour("binary_big_endian"),
+    "npz": NpzFlavour(),
+    "pcd": PcdFlavour(),
+    "pcd-text": PcdFlavour("ascii"),
+    "pcd-compressed": PcdFlavour("binary_compressed"),
+}
 
 
-@pytest.fixture(params=FLAVOURS, ids=["binary", "text", "big-endian", "npz"])
+@pytest.fixture(params=FLAVOURS.values(), ids=FLAVOURS)
 def stored(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
     """A function that stores points, and what goes with them, in each flavour."""
 
@@ -46,12 +55,14 @@ def test_sniffing() -> None:
     assert sniff(b"ply\nformat") == "ply"
     assert sniff(b"ply\r\n") == "ply"
     assert sniff(b"PK\x03\x04") == "npz"
+    assert sniff(b"# .PCD v.7") == "pcd"
+    assert sniff(b"VERSION .7") == "pcd"
 
 
 @pytest.mark.parametrize(
     "head", [b"ply", b"plyformat", b"PLY\n", b"solid", b"\x93NUMPY", b"PK\x05\x06", b" ply\n", b"\x80\x04"]
 )
-def test_neither_ply_nor_npz(tmp_path: Path, head: bytes) -> None:
+def test_unknown_first_bytes(tmp_path: Path, head: bytes) -> None:
     path = tmp_path / "cloud.ply"
     path.write_bytes(head + bytes(100))
     assert refusal(path).code == "unknown_format"
@@ -245,7 +256,7 @@ def check(path: Path, *options: str) -> dict[str, Any]:
 
 def test_check_accepts(stored: Any) -> None:
     answer = check(stored(POINTS, normals=POINTS), "--memory-bytes", "100000000", "--cpu-seconds", "20")
-    assert answer.pop("format") in ("ply", "npz")
+    assert answer.pop("format") in FORMATS
     assert answer == {"ok": True, "points": 20, "has_normals": True, "dropped": 0, "warnings": []}
 
 

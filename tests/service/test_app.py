@@ -136,9 +136,43 @@ def test_result_in_the_other_format(running: Service, done: dict[str, Any], tmp_
     assert ply.metadata == npz.metadata
     refused = running.client.get(link, headers={"Accept": "text/html"})
     assert (refused.status_code, refused.json()["code"]) == (406, "not_acceptable")
-    for query in ("format=xyz", "formats=ply"):
+    for query in ("format=stl", "formats=ply"):
         response = running.client.get(f"{link}?{query}")
         assert (response.status_code, response.json()["code"]) == (422, "invalid_parameters")
+
+
+def test_a_result_is_converted_once_when_it_is_asked_for(
+    running: Service, done: dict[str, Any], tmp_path: Path
+) -> None:
+    link = done["links"]["result"]
+    by_query = running.client.get(link, params={"format": "pcd"})
+    assert (by_query.status_code, by_query.headers["content-type"]) == (200, "application/x-pcd")
+    ply, pcd = _read(running.client.get(link), tmp_path), _read(by_query, tmp_path)
+    np.testing.assert_array_equal(pcd.points, ply.points)
+    np.testing.assert_array_equal(pcd.normals, ply.normals)
+    assert pcd.metadata == ply.metadata
+    again = running.client.get(link, headers={"Accept": "application/x-pcd", "If-None-Match": by_query.headers["etag"]})
+    assert again.status_code == 304
+    part = running.client.get(link, params={"format": "pcd"}, headers={"Range": "bytes=0-9"})
+    assert (part.status_code, part.content) == (206, by_query.content[:10])
+    assert running.client.get(link, params={"format": "csv"}).status_code == 200
+    assert "no place for comments" in running.job(done["id"])["warnings"][-1]
+
+
+def test_columns_of_text_come_back_as_they_were(running: Service, tmp_path: Path) -> None:
+    words = [f"{i:03d},word {i}" for i in range(300)]
+    rows = [",".join(map(repr, row)) for row in sphere(300).tolist()]
+    lines = "\r\n".join(["X,Y,Z,id,label", *(f"{row},{word}" for row, word in zip(rows, words, strict=True))])
+    (tmp_path / "table.csv").write_bytes(lines.encode())
+    job = running.wait_status(running.submit(tmp_path / "table.csv")["id"], "succeeded", "failed")
+    assert (job["status"], job["upload"]["format"]) == ("succeeded", "csv"), job
+    response = running.client.get(job["links"]["result"])
+    assert response.headers["content-type"].startswith("text/csv")
+    head, *result = response.text.splitlines()
+    assert head == "X,Y,Z,id,label,nx,ny,nz"
+    assert [",".join(row.split(",")[3:5]) for row in result] == words
+    assert "'label'" in " ".join(job["warnings"])  # what the PLY and the NPZ cannot hold
+    assert running.client.get(job["links"]["result"], params={"format": "ply"}).status_code == 200
 
 
 def test_everything_in_a_ply_comes_back(running: Service, tmp_path: Path) -> None:

@@ -57,6 +57,42 @@ def test_bad_files(api: httpx.Client, content: bytes, status: int, code: str) ->
     assert api.get("/jobs").json() == before
 
 
+TEXT = "\n".join(" ".join(map(repr, row)) for row in POINTS.tolist()).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content_type", "format_"),
+    [
+        ("a.xyz", "application/octet-stream", "xyz"),
+        ("a.TXT", "application/octet-stream", "xyz"),
+        ("a", "text/plain", "xyz"),
+        ("a", "text/csv; charset=utf-8", "xyz"),
+        ("a.ply", "application/octet-stream", None),
+        ("a", "application/octet-stream", None),
+    ],
+)
+def test_text_by_its_name_or_its_type(api: httpx.Client, name: str, content_type: str, format_: str | None) -> None:
+    response = api.post("/denoise", files={"file": (name, TEXT, content_type)})
+    if format_ is None:
+        assert (response.status_code, response.json()["code"]) == (415, "unknown_format")
+    else:
+        assert response.status_code == 202, response.text
+        upload = response.json()["upload"]
+        assert (upload["format"], upload["points"], upload["name"]) == (format_, 100, "a")
+
+
+def test_text_as_the_whole_body(api: httpx.Client) -> None:
+    for content_type, data, format_ in (
+        ("text/plain", TEXT, "xyz"),
+        ("text/csv", TEXT.replace(b" ", b","), "csv"),
+        ("text/plain", b"100\n" + TEXT, "pts"),
+    ):
+        response = api.post("/denoise", content=data, headers={"Content-Type": content_type})
+        assert (response.status_code, response.json()["upload"]["format"]) == (202, format_)
+    response = api.post("/denoise", content=b"no numbers", headers={"Content-Type": "text/plain"})
+    assert (response.status_code, response.json()["code"]) == (422, "missing_coordinates")
+
+
 def test_every_code_of_the_reader_has_a_client_error() -> None:
     for code in CODES:
         problem = file_problem({"code": code, "detail": "x", "hint": "y"})
@@ -90,7 +126,7 @@ def test_limits_of_points_and_of_inflation(make_api: MakeApi) -> None:
 
 
 def test_time_limit(make_api: MakeApi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.inspection.WALL_FACTOR", 0.01)
+    monkeypatch.setattr("service.children.WALL_FACTOR", 0.01)
     response = make_api(check_seconds=1).post("/denoise", files={"file": _ply(100, POINTS)})
     assert (response.status_code, response.json()["code"]) == (422, "took_too_long")
     assert not list((tmp_path / "data" / "scratch").iterdir())

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from pcdnf.file_formats import available
 from service.results import MEDIA_TYPES, _accepted
 
 
@@ -27,5 +28,22 @@ def test_accept(accept: str, expected: str | None, own: str) -> None:
     assert _accepted(accept, own) == (own if expected == "own" else expected)
 
 
-def test_both_formats_have_a_media_type() -> None:
-    assert set(MEDIA_TYPES) == {"ply", "npz"}
+@pytest.mark.parametrize(
+    ("accept", "own", "expected"),
+    [
+        ("text/plain", "ply", "xyz"),
+        ("text/plain", "pts", "pts"),
+        ("text/csv", "ply", "csv"),
+        ("text/*", "csv", "csv"),
+        ("text/*", "ply", "xyz"),
+        ("application/*", "xyz", "ply"),
+        ("application/x-pcd, text/*;q=0.1", "csv", "pcd"),
+        ("application/octet-stream", "csv", "csv"),
+    ],
+)
+def test_accept_beyond_ply_and_npz(accept: str, own: str, expected: str) -> None:
+    assert _accepted(accept, own) == expected
+
+
+def test_every_format_there_is_has_a_media_type() -> None:
+    assert list(MEDIA_TYPES) == available()

@@ -1,0 +1,92 @@
+"""How a file stored its cloud, one small class a format, so that a result can go back the same way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class PlyFlavour:
+    """How a PLY stored its vertices: the encoding, and (name, type as spelled) in file order."""
+
+    encoding: str = "binary_little_endian"
+    properties: tuple[tuple[str, str], ...] = ()
+    normals: tuple[str, str, str] = ("nx", "ny", "nz")
+    format: Literal["ply"] = "ply"
+
+
+@dataclass(frozen=True)
+class NpzFlavour:
+    """How an NPZ stored its arrays: member names in order, types of the two known ones."""
+
+    members: tuple[str, ...] = ("points",)
+    points: str = "points"
+    points_dtype: str = "<f4"
+    normals_dtype: str | None = None
+    compressed: bool = True
+    format: Literal["npz"] = "npz"
+
+
+@dataclass(frozen=True)
+class PcdFlavour:
+    """How a PCD stored its points.
+
+    Attributes
+    ----------
+    encoding : {"ascii", "binary", "binary_compressed"}
+    fields : tuple of (name, numpy type, count)
+        In file order; a field named ``_`` is padding.
+    width, height : int
+        The grid of an organised cloud; it is kept while no point is left out.
+    viewpoint : str
+        As spelled.
+    packed : str
+        The field that holds colours packed into one value, ``""`` for none.
+    normals : tuple of str
+        The names of the three components.
+    """
+
+    encoding: str = "binary"
+    fields: tuple[tuple[str, str, int], ...] = ()
+    width: int = 0
+    height: int = 1
+    viewpoint: str = "0 0 0 1 0 0 0"
+    packed: str = ""
+    normals: tuple[str, str, str] = ("normal_x", "normal_y", "normal_z")
+    format: Literal["pcd"] = "pcd"
+
+
+TextFormat = Literal["xyz", "csv", "pts"]
+
+
+@dataclass(frozen=True)
+class XyzFlavour:
+    """How a text file stored its columns.
+
+    Attributes
+    ----------
+    format : {"xyz", "csv", "pts"}
+        Separated by white space, by a comma or semicolon, or with the number of points in the first line.
+    separator : str
+    columns : tuple of (name, name as spelled)
+        In file order.
+    normals : tuple of str
+        The names of the three components.
+    header : bool
+        Whether the names stand in a line of their own.
+    comment : str
+        What begins a comment line; empty where none may be written.
+    newline : str
+    counted : bool
+        Whether the first line is the number of points.
+    """
+
+    format: TextFormat = "xyz"
+    separator: str = " "
+    columns: tuple[tuple[str, str], ...] = ()
+    normals: tuple[str, str, str] = ("nx", "ny", "nz")
+    header: bool = False
+    comment: str = "#"
+    newline: str = "\n"
+    counted: bool = False
