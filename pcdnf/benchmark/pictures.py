@@ -74,35 +74,59 @@ def draw_errors(path: Path, title: str, panels: Sequence[Panel], unit: str, most
     clean : Panel
         The camera is chosen by it.
     """
-    step = max(1, len(clean.points) // 20_000)
-    camera = automatic(clean.points[::step], clean.normals[::step].astype(np.float64))
-    camera = camera.framing(clean.points, 1.0, 0.78)
+    camera = view_of(clean.points, clean.normals)
     figure = Figure(figsize=(len(panels) * PANEL / DPI, (PANEL + 150) / DPI), dpi=DPI, layout="constrained")
     figure.suptitle(title, fontsize=9)
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     for axis, panel in zip(axes, panels, strict=True):
-        axis.imshow(_shown(panel, camera, most))
+        axis.imshow(shaded(panel.points, panel.normals, error_colours(panel.errors, most), camera))
         axis.set_title(f"{panel.title}: {panel.errors.mean():.2f}", fontsize=7)
         axis.set_axis_off()
     scale = ScalarMappable(Normalize(0, most), COLOURS)
     bar = figure.colorbar(scale, ax=list(axes), orientation="horizontal", fraction=0.04, pad=0.02, extend="max")
     bar.set_label(unit, fontsize=7)
     bar.ax.tick_params(labelsize=6)
-    _save(figure, path)
+    save(figure, path)
 
 
-def _shown(panel: Panel, camera: Camera, most: float) -> NDArray[np.float64]:
-    """The pixels of a panel: the errors' colours, a little darker where the surface turns away."""
+def view_of(points: Floats, normals: NDArray[np.floating]) -> Camera:
+    """A camera from which a cloud shows its shape, with room around it for noise."""
+    step = max(1, len(points) // 20_000)
+    camera = automatic(points[::step], np.asarray(normals[::step], np.float64))
+    return camera.framing(points, 1.0, 0.72)
+
+
+def shaded(
+    points: Floats, normals: NDArray[np.floating], colours: NDArray[np.floating], camera: Camera
+) -> NDArray[np.float64]:
+    """A square picture of a cloud in given colours, a little darker where the surface turns away.
+
+    Parameters
+    ----------
+    points, normals : (N, 3) arrays
+    colours : (N, 3) array
+        0 to 1.
+    camera : Camera
+
+    Returns
+    -------
+    (PANEL, PANEL, 3) array, 0 to 1
+    """
     side = PANEL * OVERSAMPLING
-    facing = camera.facing(panel.normals.astype(np.float64))
-    index, _ = visible(panel.points, facing, _radius(panel.points), camera, side, side)
+    facing = camera.facing(np.asarray(normals, np.float64))
+    index, _ = visible(points, facing, _radius(points), camera, side, side)
     drawn = index >= 0
     image = np.ones((side, side, 3))
-    colour = colormaps[COLOURS](np.clip(panel.errors / most, 0, 1))[:, :3]
     light = 1 - _RELIEF + _RELIEF * facing[:, 2:]
-    image[drawn] = (colour * light)[index[drawn]]
+    image[drawn] = (colours * light)[index[drawn]]
     mean: NDArray[np.float64] = image.reshape(PANEL, OVERSAMPLING, PANEL, OVERSAMPLING, 3).mean(axis=(1, 3))
     return mean
+
+
+def error_colours(errors: Floats, most: float) -> NDArray[np.float64]:
+    """Colours (N, 3) of errors, the last of the scale for ``most`` and above."""
+    colours: NDArray[np.float64] = colormaps[COLOURS](np.clip(errors / most, 0, 1))[:, :3]
+    return colours
 
 
 def _radius(points: Floats) -> Floats:
@@ -144,7 +168,7 @@ def draw_curves(path: Path, rows: Sequence[Row], noise: str) -> None:
         axis.set_yscale("symlog", linthresh=1.0)
         axis.grid(alpha=GRID)
         axis.legend(fontsize=6)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _means(rows: Sequence[Row], value: Callable[[Row], float]) -> tuple[list[float], list[float]]:
@@ -152,7 +176,7 @@ def _means(rows: Sequence[Row], value: Callable[[Row], float]) -> tuple[list[flo
     return levels, [fmean(value(row) for row in rows if row.level == level) for level in levels]
 
 
-def _save(figure: Any, path: Path) -> None:
+def save(figure: Any, path: Path) -> None:
     """As a PNG that is the same for the same picture."""
     FigureCanvasAgg(figure)
     figure.savefig(path, metadata={"Software": None})
