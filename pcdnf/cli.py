@@ -4,7 +4,8 @@ Each command is a function ``add_<name>(subparsers)`` that adds its parser and s
 parsed arguments that returns the exit status. Packages add theirs through the entry-point group
 ``pcdnf.commands``. Nothing heavy is imported before a command runs.
 
-Exit status: 0 done, 2 refused (one line on standard error says why and what to do), 130 interrupted.
+Exit status: 0 done, 1 some of several files failed (``submit``), 2 refused (one line on standard error says why and
+what to do), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from . import __version__
 from .benchmark.command import add_benchmark
 from .commands import add_denoise, add_evaluate, add_import_weights, add_models, add_train
 from .errors import PcdnfError
+from .remote import add_jobs, add_submit
 
 COMMAND_GROUP = "pcdnf.commands"
 REFUSED = 2
@@ -47,6 +49,8 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     add_denoise(subparsers)
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda entry: entry.name):
         entry.load()(subparsers)
+    add_submit(subparsers)
+    add_jobs(subparsers)
     add_evaluate(subparsers)
     add_benchmark(subparsers)
     add_models(subparsers)

@@ -27,3 +27,10 @@ class PcdnfError(Exception):
         super().__init__(message)
         self.code = code
         self.hint = hint
+
+
+class MissingExtra(PcdnfError, ImportError):
+    """A part of this package whose libraries were not installed."""
+
+    def __init__(self, message: str, *, extra: str) -> None:
+        super().__init__(message, code="missing_extra", hint=f"Run: pip install 'pcdnf[{extra}]'")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import secrets
 import stat
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -154,11 +154,24 @@ def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: str | None
         When the disk refuses.
     """
     check_available(format or cloud.flavour.format)
+    with replacing(path) as file:
+        return WRITERS[format or cloud.flavour.format](file, cloud)
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A new file that takes the place of ``path`` when the block ends well; after an error nothing of it is left.
+
+    Raises
+    ------
+    OSError
+        When the disk refuses.
+    """
     target = Path(path)
     temporary = target.with_name(f".pcdnf-{secrets.token_hex(8)}.tmp")
     try:
         with temporary.open("xb") as file:
-            notes = WRITERS[format or cloud.flavour.format](file, cloud)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(target)
@@ -167,7 +180,6 @@ def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: str | None
             temporary.unlink()
         raise
     _sync_folder(target.parent)
-    return notes
 
 
 def _sync_folder(folder: Path) -> None:

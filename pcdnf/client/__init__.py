@@ -1,0 +1,34 @@
+"""A client of the service: upload a cloud, follow its job, fetch the result.
+
+>>> from pcdnf.client import Client
+>>> with Client("http://127.0.0.1:8000") as client:
+...     job = client.denoise("scan.ply", "clean.ply", iterations=3)
+
+Needs the extra ``client`` (httpx). Short refusals (429, 503) and lost connections are waited out; a request that is
+repeated never makes a second job.
+"""
+
+from ..errors import MissingExtra
+
+try:
+    import httpx as _httpx  # noqa: F401
+except ImportError as error:
+    raise MissingExtra("pcdnf.client needs httpx, which is not installed.", extra="client") from error
+
+from .client import Client
+from .connection import DEFAULT_URL
+from .errors import JobError, ProblemError, Unreachable
+from .models import Execution, Job, Model, ProblemDetail, Progress
+
+__all__ = [
+    "DEFAULT_URL",
+    "Client",
+    "Execution",
+    "Job",
+    "JobError",
+    "Model",
+    "ProblemDetail",
+    "ProblemError",
+    "Progress",
+    "Unreachable",
+]

@@ -1,0 +1,300 @@
+"""The client: one method a thing the service does."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import httpx
+
+from .. import __version__
+from ..errors import PcdnfError
+from ..formats.files import replacing
+from .answers import error_of, retry_after
+from .connection import DEFAULT_URL, checked_key, checked_url, transport_errors
+from .errors import JobError
+from .models import Job, Model, ProblemDetail
+from .patience import Notify, Patience
+from .transfers import BytesDone, CountedFile, Download
+
+PATIENCE_SECONDS = 300.0
+TIMEOUT = httpx.Timeout(60, connect=10)
+UPLOAD_TIMEOUT = httpx.Timeout(60, connect=10, read=300)
+"""An upload is checked before it is answered."""
+PAGE = 100
+_POLL_SECONDS = 1.0
+"""Between two looks at a job where the service does not say."""
+
+
+class Client:
+    """A service's client; use it as a context manager, from one thread.
+
+    Parameters
+    ----------
+    url : str, optional
+        Address of the service, with the path prefix of a proxy if it has one; by default ``PCDNF_URL`` of the
+        environment, else ``http://127.0.0.1:8000``. Certificates are always verified; ``SSL_CERT_FILE`` names a
+        private authority's.
+    key : str, optional
+        Sent as ``Authorization: Bearer``; by default ``PCDNF_API_KEY`` of the environment.
+    patience : float
+        Seconds a request is repeated for while the service is busy (429, 503, waiting as long as ``Retry-After``
+        says) or cannot be reached.
+    on_retry : callable, optional
+        Told the error and the seconds of each such pause.
+
+    Raises
+    ------
+    PcdnfError
+        ``bad_url`` or ``bad_key``. Every method also raises :class:`ProblemError` with what the service answered, and
+        :class:`Unreachable`.
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        *,
+        key: str | None = None,
+        patience: float = PATIENCE_SECONDS,
+        on_retry: Notify | None = None,
+    ) -> None:
+        self.url = checked_url(url or os.environ.get("PCDNF_URL") or DEFAULT_URL)
+        headers = {"User-Agent": f"pcdnf/{__version__}"}
+        key = key or os.environ.get("PCDNF_API_KEY")
+        self.has_key = bool(key)
+        if key:
+            headers["Authorization"] = f"Bearer {checked_key(key)}"
+        self._patience = Patience(patience, on_retry)
+        self._http = httpx.Client(base_url=self.url, headers=headers, timeout=TIMEOUT)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def submit(
+        self,
+        path: str | os.PathLike[str],
+        parameters: Mapping[str, str | int | float] | None = None,
+        *,
+        progress: BytesDone | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Upload a cloud and queue it.
+
+        Parameters
+        ----------
+        path : path-like
+            Streamed, whatever its size.
+        parameters : mapping, optional
+            Of the service, see ``POST /denoise`` in ``docs/api.md``; it checks them.
+        progress : callable, optional
+            Told the bytes read and all bytes of the file.
+        idempotency_key : str, optional
+            The same for a submission that is repeated by the caller; by default a new one, used for every attempt
+            of this call.
+
+        Returns
+        -------
+        Job
+        """
+        path = Path(path)
+        headers = {
+            "Idempotency-Key": idempotency_key or secrets.token_hex(16),
+            "Content-Type": f"multipart/form-data; boundary={secrets.token_hex(16)}",  # the same in every attempt
+        }
+        try:
+            with path.open("rb") as file:
+                files = {"file": (path.name, CountedFile(file, progress))}
+                response = self._send(
+                    "POST",
+                    "denoise",
+                    params=dict(parameters or {}),
+                    files=files,
+                    headers=headers,
+                    timeout=UPLOAD_TIMEOUT,
+                )
+        except OSError as error:
+            raise PcdnfError(
+                f"{path} cannot be read: {error.strerror or type(error).__name__}.",
+                code="unreadable_file",
+                hint="Check the path and its permissions.",
+            ) from error
+        return Job.model_validate_json(response.content)
+
+    def job(self, job_id: str) -> Job:
+        """A job as it is now."""
+        return Job.model_validate_json(self._send("GET", _path(job_id)).content)
+
+    def wait(self, job_id: str, *, progress: Callable[[Job], None] | None = None, timeout: float | None = None) -> Job:
+        """Follow a job until it has ended, well or not.
+
+        Parameters
+        ----------
+        job_id : str
+        progress : callable, optional
+            Told the job after every look at it, which the service's ``Retry-After`` paces.
+        timeout : float, optional
+            Seconds.
+
+        Returns
+        -------
+        Job
+
+        Raises
+        ------
+        TimeoutError
+            It has not ended in time; it runs on.
+        """
+        deadline = None if timeout is None else time.monotonic() + timeout
+        headers: dict[str, str] = {}
+        job: Job | None = None
+        while True:
+            response = self._send("GET", _path(job_id), headers=headers)
+            if job is None or response.status_code != 304:
+                job = Job.model_validate_json(response.content)
+            if progress:
+                progress(job)
+            if not job.live:
+                return job
+            headers = {"If-None-Match": response.headers["etag"]} if "etag" in response.headers else {}
+            pause = retry_after(response)
+            pause = _POLL_SECONDS if pause is None else pause
+            if deadline is not None and time.monotonic() + pause > deadline:
+                raise TimeoutError(f"Job {job_id} has not ended after {timeout:g} seconds.")
+            time.sleep(pause)
+
+    def result(
+        self,
+        job_id: str,
+        path: str | os.PathLike[str],
+        *,
+        format: str | None = None,
+        progress: BytesDone | None = None,
+    ) -> None:
+        """Fetch a result; ``path`` is replaced in one step once all of it is there and its digest is right.
+
+        Parameters
+        ----------
+        job_id : str
+        path : path-like
+        format : str, optional
+            ``ply`` or ``npz``; by default the one that was uploaded.
+        progress : callable, optional
+            Told the bytes that came and all bytes.
+
+        Raises
+        ------
+        PcdnfError
+            ``unwritable_file``, ``digest_mismatch``.
+        """
+        params = {} if format is None else {"format": format}
+        try:
+            with replacing(path) as file:
+                download = Download(file, progress)
+
+                def attempt() -> None:
+                    headers = {"Accept-Encoding": "identity"} | download.headers
+                    with (
+                        transport_errors(self.url),
+                        self._http.stream("GET", f"{_path(job_id)}/result", params=params, headers=headers) as response,
+                    ):
+                        if not response.is_success:
+                            response.read()
+                            raise error_of(response)
+                        download.take(response)
+
+                self._patience.during(attempt)
+                download.check()
+        except OSError as error:
+            raise PcdnfError(
+                f"{path} cannot be written: {error.strerror or type(error).__name__}.",
+                code="unwritable_file",
+                hint="Check its folder's permissions and the space left.",
+            ) from error
+
+    def denoise(
+        self, path: str | os.PathLike[str], output: str | os.PathLike[str], **parameters: str | int | float
+    ) -> Job:
+        """Submit a cloud, wait for it and fetch the result, in the format of ``output``'s name where it has one.
+
+        Raises
+        ------
+        JobError
+            The job failed or was cancelled.
+        """
+        job = self.wait(self.submit(path, parameters).id)
+        self.succeeded(job)
+        suffix = Path(output).suffix.lower()
+        self.result(job.id, output, format=suffix[1:] if suffix in (".ply", ".npz") else None)
+        return job
+
+    @staticmethod
+    def succeeded(job: Job) -> None:
+        """Raise :class:`JobError` unless a finished job has a result."""
+        if job.status == "succeeded":
+            return
+        told = job.problem or ProblemDetail(
+            detail=f"The job is {job.status}." if job.live else f"The job was {job.status}.",
+            code=f"job_{job.status}",
+            hint=None if job.live else "Submit the file again.",
+        )
+        raise JobError(told, job.id)
+
+    def jobs(self, most: int | None = None) -> Iterator[Job]:
+        """The caller's jobs, newest first, fetched a page at a time."""
+        before: dict[str, str] = {}
+        while most is None or most > 0:
+            limit = PAGE if most is None else min(most, PAGE)
+            response = self._send("GET", "jobs", params={"limit": str(limit)} | before)
+            page = [Job.model_validate(entry) for entry in response.json()]
+            yield from page
+            if len(page) < limit:
+                return
+            most = None if most is None else most - limit
+            before = {"before": page[-1].id}
+
+    def cancel(self, job_id: str) -> Job | None:
+        """Cancel a live job, or remove a finished one.
+
+        Returns
+        -------
+        Job or None
+            The job, ``cancelling`` while its worker stops; None where it was removed.
+        """
+        response = self._send("DELETE", _path(job_id))
+        return Job.model_validate_json(response.content) if response.content else None
+
+    def models(self) -> list[Model]:
+        """The models that jobs may name."""
+        return [Model.model_validate(entry) for entry in self._send("GET", "models").json()]
+
+    def _send(self, method: str, path: str, **options: Any) -> httpx.Response:
+        """A response that is no error, after as many attempts as patience allows."""
+
+        def attempt() -> httpx.Response:
+            with transport_errors(self.url):
+                response = self._http.request(method, path, **options)
+            if response.is_success or response.status_code == 304:
+                return response
+            raise error_of(response)
+
+        return self._patience.during(attempt, also=frozenset({409}) if method == "POST" else frozenset())
+
+
+def _path(job_id: str) -> str:
+    if not job_id.isascii() or not job_id.replace("-", "").replace("_", "").isalnum():
+        raise PcdnfError(f"{job_id!r} is not the id of a job.", code="bad_job_id", hint="`pcdnf jobs` lists them.")
+    return f"jobs/{job_id}"

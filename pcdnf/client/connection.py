@@ -1,0 +1,77 @@
+"""The connection to a service: its address, its key, and httpx's errors in our words."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import httpx
+
+from ..errors import PcdnfError
+from .errors import Unreachable
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+
+
+def checked_url(url: str) -> str:
+    """The address of a service, or an error with the code ``bad_url``."""
+    try:
+        parsed = httpx.URL(url)
+        good = parsed.scheme in ("http", "https") and bool(parsed.host)
+    except httpx.InvalidURL:
+        good = False
+    if not good:
+        raise PcdnfError(
+            "The address of the service is not an http or https URL.",
+            code="bad_url",
+            hint=f"It looks like {DEFAULT_URL} or https://denoise.example.org.",
+        )
+    return url
+
+
+def checked_key(key: str) -> str:
+    """A key that can stand in a header, or an error with the code ``bad_key``."""
+    if not key.isascii() or not key.isprintable() or " " in key:
+        raise PcdnfError(
+            "The key has characters that no key has (spaces, line breaks or others).",
+            code="bad_key",
+            hint="Check PCDNF_API_KEY or the file of the key.",
+        )
+    return key
+
+
+@contextmanager
+def transport_errors(url: str) -> Iterator[None]:
+    """httpx's errors in our words."""
+    shown = str(httpx.URL(url).copy_with(userinfo=b""))
+    try:
+        yield
+    except httpx.LocalProtocolError as error:
+        raise PcdnfError(
+            "The request could not be sent as announced: the file changed meanwhile.",
+            code="file_changed",
+            hint="Wait until the file is complete, then submit it again.",
+        ) from error
+    except httpx.TransportError as error:
+        if _certificate(error):
+            raise PcdnfError(
+                f"The certificate of {shown} cannot be verified.",
+                code="bad_certificate",
+                hint="For a private authority, set SSL_CERT_FILE to its certificate.",
+            ) from error
+        what = "did not answer in time" if isinstance(error, httpx.TimeoutException) else "cannot be reached"
+        raise Unreachable(
+            f"The service at {shown} {what} ({type(error).__name__}).",
+            code="unreachable",
+            hint="Check the address, and that the service runs.",
+        ) from error
+
+
+def _certificate(error: BaseException | None) -> bool:
+    """Whether a failed check of a certificate is behind an error."""
+    while error is not None:
+        if isinstance(error, ssl.SSLCertVerificationError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

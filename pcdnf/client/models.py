@@ -1,0 +1,89 @@
+"""What the service says, typed. Members of a newer service that are not known here are kept, not refused."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+Status = Literal["queued", "running", "cancelling", "succeeded", "failed", "cancelled"]
+
+
+class _Shown(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True, protected_namespaces=())
+
+
+class ProblemDetail(_Shown):
+    """An error in the shape of RFC 9457."""
+
+    type: str = "about:blank"
+    title: str = ""
+    status: int = 0
+    detail: str
+    instance: str | None = None
+    code: str
+    hint: str | None = None
+    limit: int | float | None = None
+    actual: int | float | None = None
+
+
+class Progress(_Shown):
+    """How far a job is: points of the cloud times passes."""
+
+    done: int
+    total: int
+    unit: str = "points"
+
+
+class Execution(_Shown):
+    """On what a job runs."""
+
+    model: str
+    weights_sha256: str
+    device: str
+    device_requested: str
+    cpu_fallback: bool
+    precision: str
+    version: str
+
+
+class Job(_Shown):
+    """A job of the service; see ``docs/api.md``.
+
+    Times carry their zone. ``queue_position`` is 1 for the next to run and None once it runs; ``seconds_left`` and
+    ``points_per_second`` are None while nothing is known.
+    """
+
+    id: str
+    status: Status
+    progress: Progress
+    queue_position: int | None = None
+    seconds_left: float | None = None
+    points_per_second: float | None = None
+    created_at: datetime
+    started_at: datetime | None = None
+    finished_at: datetime | None = None
+    expires_at: datetime | None = None
+    parameters: dict[str, Any]
+    execution: Execution | None = None
+    upload: dict[str, Any]
+    warnings: list[str] = []
+    problem: ProblemDetail | None = None
+    links: dict[str, str] = {}
+
+    @property
+    def live(self) -> bool:
+        """Whether it is still queued, running or being cancelled."""
+        return self.status in ("queued", "running", "cancelling")
+
+
+class Model(_Shown):
+    """A model that jobs may name."""
+
+    name: str
+    kind: str
+    licence: str
+    version: str
+    sha256: str
+    default: bool = False
