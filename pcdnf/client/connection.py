@@ -18,7 +18,8 @@ def checked_url(url: str) -> str:
     """The address of a service, or an error with the code ``bad_url``."""
     try:
         parsed = httpx.URL(url)
-        good = parsed.scheme in ("http", "https") and bool(parsed.host)
+        good = parsed.scheme in ("http", "https") and bool(parsed.host) and "%" not in parsed.host
+        good = good and 0 < (parsed.port or 80) < 65536
     except httpx.InvalidURL:
         good = False
     if not good:

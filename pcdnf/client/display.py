@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Protocol
 
@@ -11,6 +12,8 @@ from .models import Job
 
 LINE_SHARE, LINE_BYTES = 0.1, 1 << 28
 """A line is printed whenever so much more of a job is done, or of a file is sent."""
+COLUMNS, ROWS = 80, 24
+"""Of a terminal that does not know its size."""
 
 
 class Display(Protocol):
@@ -116,9 +119,9 @@ class Bars:
         """The bar of a step; the last one leaves."""
         if self._bar is None or self._shows != (name, what):
             self.clear()
-            self._bar = tqdm(
-                total=total, desc=f"{name}: {what}", file=sys.stderr, leave=False, dynamic_ncols=True, **options
-            )
+            known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
+            width = {"dynamic_ncols": True} if known else {"ncols": COLUMNS, "nrows": ROWS}
+            self._bar = tqdm(total=total, desc=f"{name}: {what}", file=sys.stderr, leave=False, **width, **options)
             self._shows = (name, what)
         return self._bar
 

@@ -16,7 +16,6 @@ from ..errors import PcdnfError
 
 BytesDone = Callable[[int, int], None]
 """Told bytes done and bytes in all."""
-CHUNK = 1 << 20
 _DIGEST = re.compile(r"sha-256=:([A-Za-z0-9+/=]+):")
 _RANGE = re.compile(r"bytes (\d+)-")
 
@@ -80,7 +79,7 @@ class Download:
         self._etag = response.headers.get("etag")
         self._digest = _digest(response.headers.get("repr-digest", ""))
         total = self._done + int(response.headers.get("content-length", 0))
-        for data in response.iter_raw(CHUNK):
+        for data in response.iter_raw():
             self._file.write(data)
             self._hash.update(data)
             self._done += len(data)

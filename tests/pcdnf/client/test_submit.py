@@ -25,7 +25,7 @@ from pcdnf.formats import PointCloud, read, write
 from pcdnf.remote import PARAMETERS
 from service.parameters import Parameters
 
-LONG = ["--iterations", "4", "--model", "pcdnf"]
+LONG = ["--iterations", "4"]
 
 
 def run(*arguments: object) -> int:
@@ -161,8 +161,8 @@ def test_detached_jobs_are_listed_resumed_and_removed(
 
 
 def test_a_key_from_a_file_is_never_shown(tmp_path: Path, cloud: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "key").write_text("opensesame\n")
-    keyed = Service(tmp_path / "keyed", api_key="opensesame").start(ready=False)
+    (tmp_path / "key").write_text("opensesame-opensesame\n")
+    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start(ready=False)
     try:
         address = str(keyed.client.base_url)
         with_key = ["--url", address, "--key-file", tmp_path / "key"]
@@ -226,11 +226,15 @@ def test_ctrl_c_without_a_terminal_leaves_the_job_and_says_how_to_go_on(url: str
 def test_ctrl_c_on_a_terminal_asks(url: str, tmp_path: Path, answer: bytes, ended: bool) -> None:
     before = ids(url)
     scan = write_sphere(tmp_path / "scan.ply", 30_000)
-    pid, terminal = pty.fork()
-    if pid == 0:
+    terminal, inner = pty.openpty()
+
+    def at_the_terminal() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        arguments = command(url, scan, "-o", tmp_path / "out.ply", *LONG)
-        os.execv(arguments[0], arguments)
+        os.login_tty(inner)
+
+    arguments = command(url, scan, "-o", tmp_path / "out.ply", *LONG)
+    process = subprocess.Popen(arguments, preexec_fn=at_the_terminal)
+    os.close(inner)
     shown = until(terminal, b"denoise:")
     assert b"scan.ply: upload" in shown
     os.write(terminal, b"\x03")
@@ -238,7 +242,7 @@ def test_ctrl_c_on_a_terminal_asks(url: str, tmp_path: Path, answer: bytes, ende
     assert b"Cancel job " in question
     os.write(terminal, answer)
     rest = until(terminal, None)
-    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 130
+    assert process.wait(30) == 130
     os.close(terminal)
     job_id = only_new(url, before)
     with Client(url) as client:
@@ -252,7 +256,7 @@ def test_ctrl_c_on_a_terminal_asks(url: str, tmp_path: Path, answer: bytes, ende
             client.wait(job_id)
 
 
-def until(terminal: int, word: bytes | None, seconds: float = 60) -> bytes:
+def until(terminal: int, word: bytes | None, seconds: float = 20) -> bytes:
     """Read a terminal until a word appears, or the program ends."""
     shown = b""
     deadline = time.monotonic() + seconds
