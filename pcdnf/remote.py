@@ -43,7 +43,7 @@ def add_submit(subparsers: Subparsers) -> None:
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="files, or patterns such as 'scans/**/*.ply'")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("-o", "--output", type=Path, help="the result of one file; .ply or .npz picks the format")
+    where.add_argument("-o", "--output", type=Path, help="the result of one file; its ending picks the format")
     where.add_argument("--out-folder", type=Path, metavar="FOLDER", help="for results named FILE_denoised")
     where.add_argument("--detach", action="store_true", help="print the jobs' ids and wait for nothing")
     parser.add_argument("--resume", action="append", default=[], metavar="ID", help="go on with a job of before")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import PcdnfError
-from .client import Client
+from .client import Client, format_of
 from .display import Display
 from .models import Job
 
@@ -127,8 +127,7 @@ class Destination:
     def of(self, item: Item, job: Job) -> tuple[Path, str | None]:
         """Path and format of a result; None is the format that was uploaded."""
         if self.file is not None:
-            suffix = self.file.suffix.lower()
-            return self.file, suffix[1:] if suffix in (".ply", ".npz") else None
+            return self.file, format_of(self.file, item.source)
         assert self.folder is not None
         if item.source is not None:
             return self.folder / _result_name(item.source), None

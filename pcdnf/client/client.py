@@ -14,6 +14,7 @@ import httpx
 
 from .. import __version__
 from ..errors import PcdnfError
+from ..file_formats import SUFFIXES
 from ..formats.files import replacing
 from .answers import error_of, retry_after
 from .connection import DEFAULT_URL, checked_key, checked_url, transport_errors
@@ -24,8 +25,8 @@ from .transfers import BytesDone, CountedFile, Download
 
 PATIENCE_SECONDS = 300.0
 TIMEOUT = httpx.Timeout(60, connect=10)
-UPLOAD_TIMEOUT = httpx.Timeout(60, connect=10, read=300)
-"""An upload is checked before it is answered."""
+LONG_TIMEOUT = httpx.Timeout(60, connect=10, read=300)
+"""An upload is checked before it is answered, a result may be converted."""
 PAGE = 100
 _POLL_SECONDS = 1.0
 """Between two looks at a job where the service does not say."""
@@ -124,7 +125,7 @@ class Client:
                     params=dict(parameters or {}),
                     files=files,
                     headers=headers,
-                    timeout=UPLOAD_TIMEOUT,
+                    timeout=LONG_TIMEOUT,
                 )
         except OSError as error:
             raise PcdnfError(
@@ -191,7 +192,7 @@ class Client:
         job_id : str
         path : path-like
         format : str, optional
-            ``ply`` or ``npz``; by default the one that was uploaded.
+            A name of :data:`pcdnf.file_formats.FORMATS`; by default the one that was uploaded.
         progress : callable, optional
             Told the bytes that came and all bytes.
 
@@ -209,7 +210,9 @@ class Client:
                     headers = {"Accept-Encoding": "identity"} | download.headers
                     with (
                         transport_errors(self.url),
-                        self._http.stream("GET", f"{_path(job_id)}/result", params=params, headers=headers) as response,
+                        self._http.stream(
+                            "GET", f"{_path(job_id)}/result", params=params, headers=headers, timeout=LONG_TIMEOUT
+                        ) as response,
                     ):
                         if not response.is_success:
                             response.read()
@@ -237,8 +240,7 @@ class Client:
         """
         job = self.wait(self.submit(path, parameters).id)
         self.succeeded(job)
-        suffix = Path(output).suffix.lower()
-        self.result(job.id, output, format=suffix[1:] if suffix in (".ply", ".npz") else None)
+        self.result(job.id, output, format=format_of(output, path))
         return job
 
     @staticmethod
@@ -292,6 +294,12 @@ class Client:
             raise error_of(response)
 
         return self._patience.during(attempt, also=frozenset({409}) if method == "POST" else frozenset())
+
+
+def format_of(output: str | os.PathLike[str], source: str | os.PathLike[str] | None) -> str | None:
+    """The format that a result's name asks for; None, the one that was uploaded, where it ends as the source did."""
+    ending = Path(output).suffix.lower()
+    return None if source is not None and ending == Path(source).suffix.lower() else SUFFIXES.get(ending)
 
 
 def _path(job_id: str) -> str:

@@ -73,6 +73,10 @@ def test_one_bad_file_does_not_stop_the_others(url: str, tmp_path: Path, capsys:
 def test_the_output_picks_the_format(url: str, cloud: Path, tmp_path: Path) -> None:
     assert run("submit", cloud, "-o", tmp_path / "out.npz", "--url", url, "--iterations", "1", "--quiet") == 0
     assert read(tmp_path / "out.npz").flavour.format == "npz"
+    columns = tmp_path / "scan.txt"
+    columns.write_text("\n".join(",".join(map(str, row)) for row in sphere(300)))
+    assert run("submit", columns, "-o", tmp_path / "out.txt", "--url", url, "--iterations", "1", "--quiet") == 0
+    assert (tmp_path / "out.txt").read_text().splitlines()[-1].count(",") >= 5, "as it came"
 
 
 def test_warnings_are_passed_on(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
