@@ -34,7 +34,7 @@ def test_a_clean_scan_is_as_good_as_it_gets(applications: ModuleType) -> None:
     assert (scan.facet >= 0).mean() > 0.5
     figures = applications.plane_fitting(part, scan, scan.points, scan.normals).figures
     assert figures["plane angle, degrees"] < 0.1
-    assert figures["share of a plane's points found, %"] > 97
+    assert figures["share of a plane's points found, %"] > 95
     assert applications.reconstruction(part, scan.points, scan.normals).figures["mesh to surface x 1e3"] < 3
 
 
