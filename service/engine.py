@@ -8,6 +8,5 @@ APPLICATION_NAME = "pcdnf"
 # Fixed by hand: the queued and half-done jobs of an older release are taken up by the next one. Raise it only when
 # the steps of the workflow or the files between them change meaning.
 APPLICATION_VERSION = "1"
-QUEUE = "denoise"
 WORKFLOW = "denoise"
 SERIALIZER = DBOSPortableJSONSerializer()  # the engine's default is pickle

@@ -16,8 +16,9 @@ from dbos import DBOSClient, EnqueueOptions
 from .admission import Admission, Load
 from .database import exclusive, now_ms
 from .database import jobs as table
-from .engine import APPLICATION_NAME, APPLICATION_VERSION, QUEUE, SERIALIZER, WORKFLOW
+from .engine import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER, WORKFLOW
 from .job import FINISHED, Job, as_job
+from .lanes import lane
 from .outlook import Outlook, outlook
 from .settings import Settings
 from .storage import Storage
@@ -92,7 +93,7 @@ class Jobs:
         }
         options: EnqueueOptions = {
             "workflow_name": WORKFLOW,
-            "queue_name": QUEUE,
+            "queue_name": lane(values["total"]).queue,
             "workflow_id": job_id,
             "app_version": APPLICATION_VERSION,
         }

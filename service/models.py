@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -37,6 +38,7 @@ class Models:
         self._requested = settings.device
         self._precision = settings.precision
         self._loaded: dict[str, Denoiser] = {}
+        self._lock = threading.Lock()
         self.device = self._requested
         if self._requested == "auto":
             self.device = "cuda:0" if torch.cuda.is_available() else "cpu"
@@ -55,15 +57,16 @@ class Models:
         PcdnfError
             If it cannot be loaded on the device.
         """
-        denoiser = self._loaded.pop(name, None)
-        if denoiser is None:
-            if len(self._loaded) >= MODELS_KEPT:
-                del self._loaded[next(iter(self._loaded))]
-            denoiser = Denoiser.load(name, device=self.device, precision=self._precision)
-            denoiser.warm_up()
-            log.info("model %s loaded on %s in %s", name, denoiser.device, denoiser.precision)
-        self._loaded[name] = denoiser
-        return denoiser
+        with self._lock:
+            denoiser = self._loaded.pop(name, None)
+            if denoiser is None:
+                if len(self._loaded) >= MODELS_KEPT:
+                    del self._loaded[next(iter(self._loaded))]
+                denoiser = Denoiser.load(name, device=self.device, precision=self._precision)
+                denoiser.warm_up()
+                log.info("model %s loaded on %s in %s", name, denoiser.device, denoiser.precision)
+            self._loaded[name] = denoiser
+            return denoiser
 
     def execution(self, name: str) -> dict[str, Any]:
         """Return on what a job of this model runs, as it is shown to callers."""

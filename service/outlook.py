@@ -9,6 +9,7 @@ import sqlalchemy as sa
 from .database import jobs as table
 from .database import workers
 from .job import Job
+from .lanes import lane
 
 
 @dataclass(frozen=True)
@@ -26,21 +27,43 @@ def speed(connection: sa.Connection) -> float | None:
 
 
 def outlook(connection: sa.Connection, job: Job) -> Outlook:
-    """Return place in the queue and estimated time."""
+    """Return place in the queue and estimated time.
+
+    Jobs in hand share the device evenly, so until a job has done its own work each of the others does as much, or what
+    it has left.
+    """
     if not job.live:
         return Outlook(None, None)
     every = speed(connection)
-    if job.status != "queued":
-        own = job.points_per_second or every
-        return Outlook(None, (job.total - job.done) / own if own else None)
-    ahead = sa.or_(
-        table.c.status.in_(("running", "cancelling")),
-        sa.and_(
-            table.c.status == "queued",
-            sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(job.created_at, job.id),
-        ),
+    left = job.total - job.done
+    position, before = None, 0
+    if job.status == "queued":
+        position, before = _ahead(connection, job)
+        pace = every
+    else:
+        count = connection.execute(sa.select(sa.func.count()).select_from(workers)).scalar() or 1
+        pace = job.points_per_second or (every and every / count)
+    others = _others(connection, job, before + left)
+    if job.status != "queued" and every and pace:
+        others = others * pace / every  # those of other workers are in nobody's way
+    return Outlook(position, (before + left + others) / pace if pace else None)
+
+
+def _ahead(connection: sa.Connection, job: Job) -> tuple[int, int]:
+    """Return the job's place in its lane, and the work of those ahead of it there."""
+    size = lane(job.total)
+    first = sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(job.created_at, job.id)
+    query = sa.select(sa.func.count(), sa.func.coalesce(sa.func.sum(table.c.total - table.c.done), 0)).where(
+        table.c.status == "queued", table.c.total > size.above, table.c.total <= size.upto, first
     )
-    queued = sa.func.coalesce(sa.func.sum(sa.case((table.c.status == "queued", 1), else_=0)), 0)
-    points = sa.func.coalesce(sa.func.sum(table.c.total - table.c.done), 0)
-    position, before = connection.execute(sa.select(queued, points).where(ahead)).one()
-    return Outlook(int(position) + 1, (float(before) + job.total) / every if every else None)
+    ahead, points = connection.execute(query).one()
+    return int(ahead) + 1, int(points)
+
+
+def _others(connection: sa.Connection, job: Job, work: int) -> float:
+    """Return what the jobs in hand do while `work` is done, beside that."""
+    left = table.c.total - table.c.done
+    query = sa.select(sa.func.coalesce(sa.func.sum(sa.case((left < work, left), else_=work)), 0)).where(
+        table.c.status == "running", table.c.id != job.id
+    )
+    return float(connection.execute(query).scalar_one())

@@ -18,7 +18,7 @@ import numpy as np
 from dbos import DBOS
 from dbos import error as dbos_error
 
-from pcdnf.denoiser import Stopped
+from pcdnf.denoiser import Cloud, Stopped
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
@@ -176,13 +176,14 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, start: int, stop: in
     """Denoise one tile and store it."""
     work = prepared(runtime, job, iteration)
     base = iteration * len(work.cloud)
-    progress = Progress(runtime, job.id, base + start)
-    began = time.monotonic()
-    tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
-    runtime.measured(stop - start, time.monotonic() - began)
-    name = tile_name(iteration, start)
-    store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
-    runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.points_per_second)
+    done, model, name = base + start, job.parameters["model"], tile_name(iteration, start)
+    with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done):
+        progress = Progress(runtime, job, done)
+        began = time.monotonic()
+        tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
+        runtime.measured(model, stop - start, time.monotonic() - began)
+        store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
+        runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.speed(model))
     log.info("job %s iteration %d tile %d-%d done", job.id, iteration, start, stop)
     return {"file": name}
 
@@ -191,6 +192,11 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, start: int, stop: in
 def merge(runtime: Runtime, job: Job, iteration: int, tiles: list[list[int]]) -> Outcome:
     """Put the tiles of an iteration back into the order of the input."""
     cloud = prepared(runtime, job, iteration).cloud
+    with runtime.at_work(job, Progress(runtime, job, (iteration + 1) * len(cloud)).check):
+        return _merged(runtime, job, iteration, cloud, tiles)
+
+
+def _merged(runtime: Runtime, job: Job, iteration: int, cloud: Cloud, tiles: list[list[int]]) -> Outcome:
     points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
     flagged = np.zeros(len(cloud), bool)
     if iteration:
@@ -208,6 +214,11 @@ def merge(runtime: Runtime, job: Job, iteration: int, tiles: list[list[int]]) ->
 @_step
 def finish(runtime: Runtime, job: Job) -> Outcome:
     """Write the result as it came in, as PLY and as NPZ, with what is needed to repeat the run in its metadata."""
+    with runtime.at_work(job, Progress(runtime, job, job.total).check):
+        return _finished(runtime, job)
+
+
+def _finished(runtime: Runtime, job: Job) -> Outcome:
     parameters = job.parameters
     merged = load_arrays(runtime, job.id, merged_name(parameters["iterations"] - 1))
     given = read_upload(runtime, job)

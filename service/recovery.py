@@ -8,7 +8,8 @@ import sqlalchemy as sa
 from dbos import DBOS, DBOSConfig
 
 from .attempts import Attempts
-from .engine import APPLICATION_NAME, APPLICATION_VERSION, QUEUE, SERIALIZER
+from .engine import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER
+from .lanes import LANES
 from .problems import Problem
 from .settings import Settings
 from .workers import Workers
@@ -20,7 +21,7 @@ GIVEN_UP = ["ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"]
 
 
 def launch(settings: Settings, engine: sa.Engine) -> None:
-    """Join the queue; work that an earlier process of this name left behind is queued again by the engine."""
+    """Join the queues; work that an earlier process of this name left behind is queued again by the engine."""
     config: DBOSConfig = {
         "name": APPLICATION_NAME,
         "system_database_url": settings.resolved_database_url,
@@ -32,11 +33,15 @@ def launch(settings: Settings, engine: sa.Engine) -> None:
         "log_level": settings.log_level.upper() if settings.log_level in ("debug", "error") else "WARNING",
     }
     DBOS(config=config)
-    DBOS.listen_queues([QUEUE])
+    DBOS.listen_queues([lane.queue for lane in LANES])
     DBOS.launch()
-    DBOS.register_queue(
-        QUEUE, worker_concurrency=1, polling_interval_sec=settings.poll_seconds, on_conflict="always_update"
-    )
+    for lane in LANES:
+        DBOS.register_queue(
+            lane.queue,
+            worker_concurrency=lane.in_hand,
+            polling_interval_sec=settings.poll_seconds,
+            on_conflict="always_update",
+        )
 
 
 def take_over(settings: Settings, workers: Workers) -> list[str]:

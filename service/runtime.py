@@ -1,66 +1,116 @@
-"""What one worker process shares between its main thread and the workflow it runs."""
+"""What one worker process shares between its main thread and the workflows it runs."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from .attempts import Attempts
+from .job import Job
 from .models import Models
 from .settings import Settings
 from .storage import Storage
+from .turns import Turns
 
 SPEED_WEIGHT = 0.3  # of the newest tile in the moving average
 
 
 class Runtime:
-    """Settings, storage, models, and where this worker is.
+    """Settings, storage, models, and the jobs that this worker has in hand.
 
     Attributes
     ----------
-    kept : object
-        What the workflow keeps in memory between two tiles; dropped with the job.
-    current : str or None
-        The job in hand.
-    points_per_second : float or None
-        Moving average over tiles.
-    stopping, parked : threading.Event
-        Set when this process is asked to stop, and when the workflow has let go of its job for that.
+    kept : dict of str to object
+        What each job's workflow keeps in memory between two tiles; dropped with the job.
+    in_hand, parked : set of str
+        The jobs whose workflows run, and those that were let go of because this process stops.
+    turns : Turns
+        Who of them may compute.
     """
 
-    def __init__(self, settings: Settings, storage: Storage, attempts: Attempts, models: Models) -> None:
+    def __init__(self, settings: Settings, storage: Storage, attempts: Attempts, models: Models, turns: Turns) -> None:
         self.settings = settings
         self.storage = storage
         self.attempts = attempts
         self.models = models
-        self.kept: Any = None
-        self.current: str | None = None
-        self.points_per_second: float | None = None
-        self.stopping = threading.Event()
-        self.parked = threading.Event()
+        self.turns = turns
+        self.kept: dict[str, Any] = {}
+        self.in_hand: set[str] = set()
+        self.parked: set[str] = set()
+        self._speeds: dict[str, float] = {}
+        self._newest: str | None = None
+        self._stopping = threading.Event()
 
     @contextmanager
     def working_on(self, job_id: str) -> Iterator[None]:
-        """Mark the job as the one in hand."""
-        self.current = job_id
+        """Mark the job as in hand."""
+        self.in_hand.add(job_id)
         try:
             self.pause_if_stopping(job_id)
             yield
         finally:
-            self.kept = None
-            self.current = None
+            self.kept.pop(job_id, None)
+            self.in_hand.discard(job_id)
+
+    @contextmanager
+    def at_work(self, job: Job, wanted: Callable[[], None], *, left: int | None = None) -> Iterator[None]:
+        """Work on a job: a tile with `left` points to do, or something that needs no turn.
+
+        Parameters
+        ----------
+        job : Job
+        wanted : callable
+            Called now and then while the job waits; raises where it is not wanted any more.
+        left : int, optional
+        """
+
+        def poll() -> None:
+            self.pause_if_stopping(job.id)
+            wanted()
+
+        with self.turns.work(
+            job.id,
+            submitted=job.created_at,
+            left=left,
+            alone=job.losses > 0,
+            waits=lambda: self.attempts.park(job.id),  # should the process die now, this job is not to blame
+            poll=poll,
+        ) as waited:
+            if waited:
+                self.attempts.update(job.id, open=True)
+            yield
+
+    def stop(self) -> None:
+        """Let the jobs in hand come to rest after what they are at."""
+        self._stopping.set()
+        self.turns.close()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether every job in hand was let go of."""
+        return self.in_hand <= self.parked
 
     def pause_if_stopping(self, job_id: str) -> None:
-        """Between two tiles: let go of the job and wait for the end of this process, if that is near."""
-        if self.stopping.is_set():
+        """Let go of the job and wait for the end of this process, if that is near."""
+        if self._stopping.is_set():
             self.attempts.park(job_id)
-            self.parked.set()
+            self.parked.add(job_id)
             threading.Event().wait()
 
-    def measured(self, points: int, seconds: float) -> None:
+    @property
+    def points_per_second(self) -> float | None:
+        """Moving average over the tiles of the model used last."""
+        return None if self._newest is None else self._speeds[self._newest]
+
+    def speed(self, model: str) -> float | None:
+        """Return the moving average over the tiles of a model, in points per second."""
+        return self._speeds.get(model)
+
+    def measured(self, model: str, points: int, seconds: float) -> None:
         """Take a finished tile into the average speed."""
         speed = points / max(seconds, 1e-6)
-        before = self.points_per_second
-        self.points_per_second = speed if before is None else before + SPEED_WEIGHT * (speed - before)
+        before = self._speeds.get(model, speed)
+        self._speeds[model] = before + SPEED_WEIGHT * (speed - before)
+        self._newest = model

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdnf.cloud import Frame
-from pcdnf.denoiser import Cloud, Denoiser, iteration_seed
+from pcdnf.denoiser import Cloud, Denoiser, Stopped, iteration_seed
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import TEXT_FORMATS
 from pcdnf.formats import Limits, PointCloud, read
@@ -76,8 +76,8 @@ class Progress:
         Points done before this step, over all iterations.
     """
 
-    def __init__(self, runtime: Runtime, job_id: str, base: int) -> None:
-        self._runtime, self._job_id, self._base = runtime, job_id, base
+    def __init__(self, runtime: Runtime, job: Job, base: int) -> None:
+        self._runtime, self._job, self._base = runtime, job, base
         self._done = 0
         self._began = self._told = time.monotonic()
 
@@ -91,15 +91,19 @@ class Progress:
         if now - self._told < POLL_SECONDS:
             return False
         self._told = now
-        speed = self._runtime.points_per_second or (self._done / (now - self._began) or None)
-        return not self._runtime.attempts.wanted(self._job_id, done=self._base + self._done, points_per_second=speed)
+        speed = self._runtime.speed(self._job.parameters["model"]) or (self._done / (now - self._began) or None)
+        return not self._runtime.attempts.wanted(self._job.id, done=self._base + self._done, points_per_second=speed)
+
+    def check(self) -> None:
+        """Raise :class:`pcdnf.denoiser.Stopped` where :meth:`stop` says so."""
+        if self.stop():
+            raise Stopped
 
 
 @dataclass
 class Prepared:
     """The cloud of one iteration made ready, kept in memory between the tiles."""
 
-    job_id: str
     iteration: int
     denoiser: Denoiser
     cloud: Cloud
@@ -115,28 +119,30 @@ def prepared(runtime: Runtime, job: Job, iteration: int) -> Prepared:
     pcdnf.denoiser.Stopped
         If the job was cancelled meanwhile.
     """
-    kept = runtime.kept
-    if isinstance(kept, Prepared) and (kept.job_id, kept.iteration) == (job.id, iteration):
+    kept = runtime.kept.get(job.id)
+    if isinstance(kept, Prepared) and kept.iteration == iteration:
         return kept
-    runtime.kept = None  # the cloud before may be large
-    _settle_execution(runtime, job)
-    denoiser = runtime.models.get(job.parameters["model"])
-    given = read_upload(runtime, job)
-    points: NDArray[Any] = given.points
-    normals = given.normals if job.parameters["normals"] == "input" else None
-    if iteration:
-        before = load_arrays(runtime, job.id, merged_name(iteration - 1))
-        points, normals = before["points"], before["normals"]
-    cloud = denoiser.prepare(
-        points,
-        normals,
-        frame=Frame.of(given.points),
-        seed=iteration_seed(job.parameters["seed"], iteration),
-        should_stop=Progress(runtime, job.id, iteration * len(points)).stop,
-    )
-    fresh = Prepared(job.id, iteration, denoiser, cloud)
-    runtime.kept = fresh
-    return fresh
+    progress = Progress(runtime, job, iteration * job.upload["points"])
+    with runtime.at_work(job, progress.check):
+        runtime.kept.pop(job.id, None)  # the cloud before may be large
+        _settle_execution(runtime, job)
+        denoiser = runtime.models.get(job.parameters["model"])
+        given = read_upload(runtime, job)
+        points: NDArray[Any] = given.points
+        normals = given.normals if job.parameters["normals"] == "input" else None
+        if iteration:
+            before = load_arrays(runtime, job.id, merged_name(iteration - 1))
+            points, normals = before["points"], before["normals"]
+        cloud = denoiser.prepare(
+            points,
+            normals,
+            frame=Frame.of(given.points),
+            seed=iteration_seed(job.parameters["seed"], iteration),
+            should_stop=progress.stop,
+        )
+        fresh = Prepared(iteration, denoiser, cloud)
+        runtime.kept[job.id] = fresh
+        return fresh
 
 
 def _settle_execution(runtime: Runtime, job: Job) -> None:

@@ -1,4 +1,4 @@
-"""The worker process: ``python -m service.worker``. It takes jobs off the queue and runs them, one at a time."""
+"""The worker process: ``python -m service.worker``. It takes jobs off the queues and runs them, tile by tile."""
 
 from __future__ import annotations
 
@@ -153,19 +153,21 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
         If the model or the device cannot be used.
     """
     threads = limit_threads(settings)
+    import numba
     import torch
 
     from . import pipeline
     from .models import Models
     from .runtime import Runtime
+    from .turns import Turns
 
     torch.set_num_threads(threads)
     storage = LocalStorage(settings.data_dir)
     attempts = Attempts(engine, settings.job_ttl)
     models = Models(settings)
     heart.details = models.execution(settings.default_model)
-    runtime = Runtime(settings, storage, attempts, models)
-    runtime.stopping = stopping
+    one_caller = numba.threading_layer() == "workqueue"  # type: ignore[attr-defined]
+    runtime = Runtime(settings, storage, attempts, models, Turns(always_alone=one_caller))
     pipeline.install(runtime)
     jobs = Jobs(engine, storage, settings)
     if stopping.is_set():
@@ -177,7 +179,7 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     recovered = purged = 0.0
     while not stopping.is_set():  # not stopping.wait(): the handler of a signal sets it in this same thread
         time.sleep(0.5)
-        heart.job, heart.points_per_second = runtime.current, runtime.points_per_second
+        heart.job, heart.points_per_second = runtime.turns.computing, runtime.points_per_second
         try:
             if time.monotonic() - recovered > settings.heartbeat_seconds:
                 recovered = time.monotonic()
@@ -188,13 +190,14 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
                 jobs.purge()
         except Exception:
             log.exception("looking after the queue failed; trying again")
+    runtime.stop()
     heart.state = "stopping"
     heart.beat()
     deadline = time.monotonic() + settings.grace_seconds
-    while runtime.current is not None and not runtime.parked.is_set() and time.monotonic() < deadline:
-        runtime.parked.wait(0.1)
-    if runtime.current is not None:
-        attempts.park(runtime.current)
+    while not runtime.at_rest and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for job_id in runtime.in_hand - runtime.parked:
+        attempts.park(job_id)
 
 
 if __name__ == "__main__":

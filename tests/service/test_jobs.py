@@ -67,20 +67,6 @@ def test_pages_are_newest_first_and_the_callers_own(board: Board) -> None:
     assert first + board.jobs.page("ada", limit=3, before=first[-1]) == expected
 
 
-def test_outlook(board: Board) -> None:
-    first, second = board.submit(points=100), board.submit(points=300)
-    assert board.jobs.outlook(second).seconds_left is None
-    board.workers.beat("w", pid=1, state="ready", details={}, points_per_second=50.0)
-    ordered = sorted([first, second], key=lambda job: (job.created_at, job.id))
-    assert [board.jobs.outlook(job).queue_position for job in ordered] == [1, 2]
-    assert board.jobs.outlook(ordered[1]).seconds_left == pytest.approx(400 / 50)
-    board.attempts.open(first.id)
-    board.attempts.wanted(first.id, done=40, points_per_second=30.0)
-    assert board.jobs.outlook(board.now(first)).seconds_left == pytest.approx(60 / 30)
-    assert board.jobs.outlook(second).queue_position == 1
-    assert board.jobs.outlook(second).seconds_left == pytest.approx(360 / 50)
-
-
 def test_cancel_queued_goes_at_once(board: Board) -> None:
     job = board.submit()
     cancelled = board.jobs.cancel(job)
