@@ -31,6 +31,7 @@ from .parameters import only_query
 from .preferences import preferred_wait
 from .problems import Problem
 from .rates import Rates
+from .retention import Retention
 from .settings import Settings
 from .state import State, StateIn
 from .storage import LocalStorage
@@ -79,6 +80,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     storage = LocalStorage(settings.data_dir)
     app.state.engine, app.state.storage = engine, storage
     app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
+    app.state.retention = Retention(engine, storage, app.state.jobs, settings)
     app.state.claims = Claims(engine)
     app.state.watch = Watch(app.state.jobs, settings.max_streams)
     app.state.workers = Workers(engine)

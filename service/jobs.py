@@ -1,4 +1,4 @@
-"""Jobs as the API sees them: submit, status, cancel, list, remove, purge. The engine behind it is DBOS.
+"""Jobs as the API sees them: submit, status, cancel, list, remove. The engine behind it is DBOS.
 
 What a caller is told is our own table; the engine's state is an implementation detail. Every change of status is one
 conditional UPDATE, so that the API and a worker that act at the same moment cannot both win.
@@ -22,9 +22,6 @@ from .lanes import lane
 from .outlook import Outlook, outlook
 from .settings import Settings
 from .storage import Storage
-
-EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
-ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted
 
 
 class Jobs:
@@ -180,27 +177,9 @@ class Jobs:
             removed = connection.execute(query).rowcount == 1
         if removed:
             self._storage.delete_job(job.id)
-            self._client.delete_workflow(job.id)
+            self.forget(job.id)
         return removed
 
-    def purge(self) -> int:
-        """Remove the files of expired jobs, then old rows and files nobody owns; return the jobs expired now."""
-        now = now_ms()
-        due = sa.select(table.c.id).where(table.c.expires_at <= now, table.c.purged_at.is_(None))
-        old = table.c.purged_at < now - EXPIRED_ROWS_KEPT_MS
-        with self._engine.connect() as connection:
-            expired = list(connection.execute(due).scalars())
-        for job_id in expired:
-            self._storage.delete_job(job_id)
-            self._client.delete_workflow(job_id)
-            with self._engine.begin() as connection:
-                connection.execute(table.update().where(table.c.id == job_id).values(purged_at=now))
-        with self._engine.begin() as connection:
-            connection.execute(table.delete().where(old))
-        orphans = list(self._storage.job_ids(ORPHAN_SECONDS))
-        with self._engine.connect() as connection:
-            for job_id in orphans:
-                if connection.execute(sa.select(table.c.id).where(table.c.id == job_id)).scalar() is None:
-                    self._storage.delete_job(job_id)
-        self._storage.clear_scratch(24 * ORPHAN_SECONDS)
-        return len(expired)
+    def forget(self, job_id: str) -> None:
+        """Remove the engine's record of a finished job."""
+        self._client.delete_workflow(job_id)

@@ -54,7 +54,14 @@ class Settings(BaseSettings):
     min_free_bytes: int = Field(
         256 * MIB,
         ge=0,
-        description="Free disk space in bytes below which the service is not ready and takes no upload.",
+        description="Free disk space in bytes below which the oldest results expire early; where that is not enough, "
+        "the service is not ready and takes no upload.",
+    )
+    disk_budget_bytes: int = Field(
+        0,
+        ge=0,
+        description="Bytes that uploads, tiles and results may take together; beyond it the oldest results expire "
+        "early, and where that is not enough uploads are answered 503. 0: as much as the disk has.",
     )
 
     max_upload_bytes: int = Field(512 * MIB, ge=1, description="Largest request body in bytes.")

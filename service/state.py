@@ -13,6 +13,7 @@ from .idempotency import Claims
 from .inspection import Inspector
 from .jobs import Jobs
 from .rates import Rates
+from .retention import Retention
 from .settings import Settings
 from .storage import Storage
 from .watch import Watch
@@ -28,6 +29,7 @@ class State:
     engine: sa.Engine
     storage: Storage
     jobs: Jobs
+    retention: Retention
     claims: Claims
     watch: Watch
     workers: Workers

@@ -12,6 +12,7 @@ import shutil
 import time
 import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -52,6 +53,12 @@ class Storage(Protocol):
 
     def free_bytes(self) -> int:
         """Return the free space in bytes."""
+
+    def used_bytes(self) -> int:
+        """Return the bytes that the files of all jobs take, and those that are being written."""
+
+    def job_bytes(self, job_id: str) -> int:
+        """Return the bytes that the files of a job take."""
 
 
 class LocalStorage:
@@ -111,6 +118,23 @@ class LocalStorage:
     def free_bytes(self) -> int:
         """See :class:`Storage`."""
         return shutil.disk_usage(self._root).free
+
+    def used_bytes(self) -> int:
+        """See :class:`Storage`."""
+        return _size(self._root / "jobs") + _size(self._scratch)
+
+    def job_bytes(self, job_id: str) -> int:
+        """See :class:`Storage`."""
+        return _size(self._root / "jobs" / job_id)
+
+
+def _size(folder: Path) -> int:
+    total = 0
+    for path, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):
+                total += os.stat(os.path.join(path, name)).st_size
+    return total
 
 
 def _older(folder: Path, seconds: float) -> Iterator[Path]:

@@ -32,10 +32,9 @@ async def accept(request: Request, state: State, owner: str) -> Job:
     job_parameters(query, settings)  # before the body is read
     async with state.claims.held(owner, idempotency_key(request)) as claim:
         expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
-        if state.storage.free_bytes() < settings.min_free_bytes + expected:
-            raise uploads.disk_full()
         if claim is None or claim.job is None:  # before the body is read
             await run_in_threadpool(state.jobs.check_room, owner, Load(1, expected, 1))
+        await run_in_threadpool(state.retention.make_room, expected)
         path = state.storage.scratch()
         upload = await uploads.receive(request, path, settings)
         try:

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import IO
 
 import sqlalchemy as sa
@@ -18,8 +19,10 @@ from pcdnf.errors import PcdnfError
 from . import database
 from .attempts import Attempts
 from .jobs import Jobs
+from .problems import Problem
 from .process import EX_CONFIG, configure_logging, die_with_supervisor, load_settings, refuse
 from .recovery import launch, settle, take_over
+from .retention import Retention
 from .settings import Settings
 from .storage import LocalStorage
 from .workers import Workers
@@ -169,7 +172,7 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     one_caller = numba.threading_layer() == "workqueue"  # type: ignore[attr-defined]
     runtime = Runtime(settings, storage, attempts, models, Turns(always_alone=one_caller))
     pipeline.install(runtime)
-    jobs = Jobs(engine, storage, settings)
+    retention = Retention(engine, storage, Jobs(engine, storage, settings), settings)
     if stopping.is_set():
         return
     launch(settings, engine)
@@ -185,9 +188,11 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
                 recovered = time.monotonic()
                 take_over(settings, workers)
                 settle(attempts)
-            if time.monotonic() - purged > PURGE_SECONDS:
+            if time.monotonic() - purged > min(PURGE_SECONDS, settings.job_ttl):
                 purged = time.monotonic()
-                jobs.purge()
+                retention.purge()
+                with suppress(Problem):  # nothing is left that might go
+                    retention.make_room()
         except Exception:
             log.exception("looking after the queue failed; trying again")
     runtime.stop()

@@ -18,6 +18,7 @@ from service.app import create_app
 from service.attempts import Attempts
 from service.job import Job, new_id
 from service.jobs import Jobs
+from service.retention import Retention
 from service.settings import Settings
 from service.storage import UPLOAD, LocalStorage, job_file
 from service.workers import Workers
@@ -71,6 +72,7 @@ class Board:
     jobs: Jobs
     attempts: Attempts
     workers: Workers
+    retention: Retention
 
     def submit(self, *, owner: str = "ada", points: int = 100, iterations: int = 1, size: int = 6) -> Job:
         """Accept a job with an upload of a few bytes."""
@@ -107,7 +109,8 @@ def open_board(settings: Settings) -> Iterator[Board]:
     engine = database.create_engine(settings)
     storage = LocalStorage(settings.data_dir)
     jobs = Jobs(engine, storage, settings)
-    yield Board(settings, engine, storage, jobs, Attempts(engine, settings.job_ttl), Workers(engine))
+    retention = Retention(engine, storage, jobs, settings)
+    yield Board(settings, engine, storage, jobs, Attempts(engine, settings.job_ttl), Workers(engine), retention)
     jobs.close()
     engine.dispose()
 

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import threading
 
 import pytest
@@ -110,34 +109,3 @@ def test_remove(board: Board) -> None:
     assert board.jobs.status(job.id, "ada") is None
     assert board.engine_state(job) is None
     assert not board.storage.local(job_file(job.id, UPLOAD)).exists()
-
-
-def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None:
-    kept, expired, live = board.submit(), board.submit(), board.submit()
-    for job in (kept, expired):
-        board.attempts.open(job.id)
-        board.attempts.succeed(job.id, {}, [])
-    board.attempts.update(expired.id, expires_at=1)
-    assert board.jobs.expired(board.now(expired))
-    assert not board.jobs.expired(board.now(kept))
-    assert not board.jobs.expired(live)
-    assert board.jobs.purge() == 1
-    assert board.jobs.purge() == 0
-    assert not board.storage.local(job_file(expired.id, UPLOAD)).exists()
-    assert board.storage.local(job_file(kept.id, UPLOAD)).exists()
-    assert board.engine_state(expired) is None
-    assert board.now(expired).purged_at is not None
-    assert {job.id for job in board.jobs.page("ada", limit=9)} == {kept.id, live.id}
-    board.attempts.update(expired.id, purged_at=1)
-    board.jobs.purge()
-    assert board.attempts.get(expired.id) is None
-
-
-def test_purge_removes_uploads_that_were_never_accepted(board: Board) -> None:
-    job = board.submit()
-    folder = board.settings.data_dir / "jobs"
-    (folder / "orphan").mkdir()
-    for name in ("orphan", job.id):
-        os.utime(folder / name, (1, 1))
-    board.jobs.purge()
-    assert [path.name for path in folder.iterdir()] == [job.id]

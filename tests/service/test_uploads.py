@@ -168,7 +168,7 @@ def test_too_large_by_its_length_and_as_it_arrives(make_api: MakeApi, tmp_path: 
 def _raw(served: Served, head: str, *pieces: tuple[bytes, float]) -> tuple[int, dict[str, Any], float]:
     """Send a request piece by piece; return status, body and the seconds until the answer."""
     with socket.create_connection(served.address, timeout=20) as connection:
-        connection.sendall(f"POST /denoise HTTP/1.1\r\nHost: x\r\nConnection: close\r\n{head}\r\n\r\n".encode())
+        connection.sendall(f"POST /denoise HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{head}\r\n\r\n".encode())
         began = time.monotonic()
         for piece, pause in pieces:
             connection.sendall(piece)
@@ -208,7 +208,7 @@ def test_a_caller_that_goes_away_leaves_nothing(make_served: Callable[..., Serve
     served = make_served()
     with socket.create_connection(served.address) as connection:
         connection.sendall(
-            b"POST /denoise HTTP/1.1\r\nHost: x\r\nContent-Type: application/ply\r\nContent-Length: 1000\r\n\r\nply\n"
+            b"POST /denoise HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/ply\r\nContent-Length: 1000\r\n\r\nply\n"
         )
         time.sleep(0.3)
     deadline = time.monotonic() + 5

@@ -1,0 +1,101 @@
+"""How long results stay: until they expire, or until newer ones need their place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sqlalchemy as sa
+
+from .database import jobs as table
+from .database import now_ms
+from .jobs import Jobs
+from .problems import Problem
+from .settings import Settings
+from .storage import Storage
+
+EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
+ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted
+
+
+class Retention:
+    """Removes what is due, and the oldest results where the disk's budget is used up.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    storage : Storage
+    jobs : Jobs
+    settings : Settings
+    """
+
+    def __init__(self, engine: sa.Engine, storage: Storage, jobs: Jobs, settings: Settings) -> None:
+        self._engine = engine
+        self._storage = storage
+        self._jobs = jobs
+        self._budget = settings.disk_budget_bytes
+        self._min_free = settings.min_free_bytes
+
+    def purge(self) -> int:
+        """Remove the files of expired jobs, then old rows and files nobody owns; return the jobs expired now."""
+        now = now_ms()
+        due = sa.select(table.c.id).where(table.c.expires_at <= now, table.c.purged_at.is_(None))
+        with self._engine.connect() as connection:
+            expired = list(connection.execute(due).scalars())
+        for job_id in expired:
+            self._expire(job_id)
+        with self._engine.begin() as connection:
+            connection.execute(table.delete().where(table.c.purged_at < now - EXPIRED_ROWS_KEPT_MS))
+        orphans = list(self._storage.job_ids(ORPHAN_SECONDS))
+        with self._engine.connect() as connection:
+            for job_id in orphans:
+                if connection.execute(sa.select(table.c.id).where(table.c.id == job_id)).scalar() is None:
+                    self._storage.delete_job(job_id)
+        self._storage.clear_scratch(24 * ORPHAN_SECONDS)
+        return len(expired)
+
+    def make_room(self, wanted: int = 0) -> None:
+        """Let the oldest results expire now until `wanted` bytes fit; none of them where that would not be enough.
+
+        Raises
+        ------
+        Problem
+            503 where there is no room.
+        """
+        used = self._storage.used_bytes() if self._budget else 0
+        free = self._storage.free_bytes()
+        over = used + wanted - self._budget if self._budget else 0
+        short = max(over, self._min_free + wanted - free)
+        if short <= 0:
+            return
+        query = (
+            sa.select(table.c.id)
+            .where(table.c.status == "succeeded", table.c.purged_at.is_(None))
+            .order_by(table.c.finished_at, table.c.id)
+        )
+        with self._engine.connect() as connection:
+            sizes = {job_id: self._storage.job_bytes(job_id) for job_id in connection.execute(query).scalars()}
+        if sum(sizes.values()) < short:
+            limit, actual = (self._budget, used + wanted) if over == short else (free, self._min_free + wanted)
+            raise Problem(
+                "disk_full",
+                "There is not enough disk space for the upload.",
+                hint="Delete jobs that you no longer need, or try again later.",
+                headers={"Retry-After": "60"},
+                limit=limit,
+                actual=actual,
+            )
+        for job_id, size in sizes.items():
+            if short <= 0:
+                break
+            short -= size
+            self._expire(job_id)
+
+    def _expire(self, job_id: str) -> None:
+        row = table.update().where(table.c.id == job_id)
+        now: Any = now_ms()
+        with self._engine.begin() as connection:  # answered 410 from here on, before the files go
+            connection.execute(row.where(table.c.expires_at > now).values(expires_at=now))
+        self._storage.delete_job(job_id)
+        self._jobs.forget(job_id)
+        with self._engine.begin() as connection:
+            connection.execute(row.values(purged_at=now))

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import Board, MakeApi
+from service_process import Service
+
+from service.job import Job
+from service.problems import Problem
+from service.storage import UPLOAD, job_file
+
+
+def _finished(board: Board, size: int = 100, status: str = "succeeded") -> Job:
+    """Return a job that has ended, whose files have so many bytes."""
+    job = board.submit()
+    board.attempts.open(job.id)
+    if status == "succeeded":
+        board.attempts.succeed(job.id, {}, [])
+    else:
+        board.attempts.fail(job.id, {})
+    board.storage.local(job_file(job.id, UPLOAD)).write_bytes(bytes(size))
+    time.sleep(0.002)  # or two end in the same millisecond
+    return job
+
+
+def _kept(board: Board, jobs: list[Job]) -> list[bool]:
+    return [board.storage.local(job_file(job.id, UPLOAD)).exists() for job in jobs]
+
+
+@pytest.mark.parametrize("status", ["succeeded", "failed"])
+def test_every_finished_job_expires(board: Board, status: str) -> None:
+    job = board.now(_finished(board, status=status))
+    assert job.finished_at is not None
+    assert job.expires_at == job.finished_at + 1_000_000
+
+
+def test_the_oldest_results_make_room(make_board: Callable[..., Board]) -> None:
+    board = make_board(disk_budget_bytes=1000)
+    jobs = [_finished(board) for _ in range(5)]
+    live = board.submit(size=100)
+    board.retention.make_room(400)
+    assert _kept(board, jobs) == [True] * 5
+    board.retention.make_room(600)
+    assert _kept(board, [*jobs, live]) == [False, False, True, True, True, True]
+    gone = board.now(jobs[0])
+    assert board.jobs.expired(gone)
+    assert gone.purged_at is not None
+    assert board.engine_state(gone) is None
+    assert board.storage.used_bytes() <= 400
+
+
+def test_nothing_goes_in_vain(make_board: Callable[..., Board]) -> None:
+    board = make_board(disk_budget_bytes=1000)
+    jobs = [_finished(board) for _ in range(3)]
+    with pytest.raises(Problem) as caught:
+        board.retention.make_room(1001)
+    assert (caught.value.code, caught.value.status) == ("disk_full", 503)
+    assert caught.value.members["limit"] == 1000
+    assert caught.value.members["actual"] == 1301
+    assert caught.value.headers["Retry-After"]
+    assert _kept(board, jobs) == [True] * 3
+
+
+def test_a_full_disk_counts_as_well(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = [_finished(board) for _ in range(3)]
+    monkeypatch.setattr(board.storage, "free_bytes", lambda: board.settings.min_free_bytes + 50)
+    board.retention.make_room(200)
+    assert _kept(board, jobs) == [False, False, True]
+    with pytest.raises(Problem) as caught:
+        board.retention.make_room(500)
+    assert caught.value.members["limit"] == board.settings.min_free_bytes + 50
+
+
+def test_over_http(make_api: MakeApi, small: Path) -> None:
+    size = small.stat().st_size
+    api = make_api(disk_budget_bytes=int(2.5 * size))
+    assert [api.post("/denoise", files={"file": small.read_bytes()}).status_code for _ in range(3)] == [202, 202, 503]
+    refused = api.post("/denoise", files={"file": small.read_bytes()})
+    assert refused.json()["code"] == "disk_full"
+    assert refused.json()["limit"] == int(2.5 * size)
+    api.delete(f"/jobs/{api.get('/jobs').json()[0]['id']}")
+    assert api.post("/denoise", files={"file": small.read_bytes()}).status_code == 202
+
+
+def test_the_worker_looks_after_it(tmp_path: Path, small: Path) -> None:
+    service = Service(tmp_path / "service", job_ttl=2).start()
+    job = service.wait_status(service.submit(small)["id"], "succeeded")
+    assert job["expires_at"] > job["finished_at"]
+    deadline = time.monotonic() + 20
+    while (service.data / "jobs" / job["id"]).exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    for link in (job["links"]["self"], job["links"]["result"]):
+        response = service.client.get(link)
+        assert (response.status_code, response.json()["code"]) == (410, "job_expired")
+    assert service.stop() == 0, service.output()
+
+
+def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None:
+    kept, expired, live = board.submit(), board.submit(), board.submit()
+    for job in (kept, expired):
+        board.attempts.open(job.id)
+        board.attempts.succeed(job.id, {}, [])
+    board.attempts.update(expired.id, expires_at=1)
+    assert board.jobs.expired(board.now(expired))
+    assert not board.jobs.expired(board.now(kept))
+    assert not board.jobs.expired(live)
+    assert board.retention.purge() == 1
+    assert board.retention.purge() == 0
+    assert not board.storage.local(job_file(expired.id, UPLOAD)).exists()
+    assert board.storage.local(job_file(kept.id, UPLOAD)).exists()
+    assert board.engine_state(expired) is None
+    assert board.now(expired).purged_at is not None
+    assert {job.id for job in board.jobs.page("ada", limit=9)} == {kept.id, live.id}
+    board.attempts.update(expired.id, purged_at=1)
+    board.retention.purge()
+    assert board.attempts.get(expired.id) is None
+
+
+def test_purge_removes_uploads_that_were_never_accepted(board: Board) -> None:
+    job = board.submit()
+    folder = board.settings.data_dir / "jobs"
+    (folder / "orphan").mkdir()
+    for name in ("orphan", job.id):
+        os.utime(folder / name, (1, 1))
+    board.retention.purge()
+    assert [path.name for path in folder.iterdir()] == [job.id]
