@@ -208,7 +208,8 @@ def test_a_caller_that_goes_away_leaves_nothing(make_served: Callable[..., Serve
     served = make_served()
     with socket.create_connection(served.address) as connection:
         connection.sendall(
-            b"POST /denoise HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/ply\r\nContent-Length: 1000\r\n\r\nply\n"
+            b"POST /denoise HTTP/1.1\r\nHost: localhost\r\n"
+            b"Content-Type: application/ply\r\nContent-Length: 1000\r\n\r\nply\n"
         )
         time.sleep(0.3)
     deadline = time.monotonic() + 5
