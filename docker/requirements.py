@@ -1,4 +1,4 @@
-"""Print what the service needs, one requirement a line, as the project's metadata declares it."""
+"""Print what the service of the image needs, one requirement a line, as the project's metadata declares it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 
 
 def service_requirements(pyproject: Path) -> list[str]:
-    """Return the dependencies of ``pcdnf[service]`` in the order ``pyproject.toml`` lists them."""
+    """Return the dependencies of ``pcdnf[service,las]`` in the order ``pyproject.toml`` lists them."""
     project = tomllib.loads(pyproject.read_text())["project"]
-    return [*project["dependencies"], *project["optional-dependencies"]["service"]]
+    extras = project["optional-dependencies"]
+    return [*project["dependencies"], *extras["service"], *extras["las"]]
 
 
 if __name__ == "__main__":

@@ -47,6 +47,8 @@ FORMATS = {
     "xyz": Format("XYZ", "text/plain", (".xyz", ".txt", ".asc")),
     "csv": Format("CSV", "text/csv", (".csv",)),
     "pts": Format("PTS", "text/plain", (".pts",)),
+    "las": Format("LAS", "application/vnd.las", (".las",), (b"LASF",)),
+    "laz": Format("LAZ", "application/vnd.laszip", (".laz",), (b"LASF",), "lazrs", "las"),
 }
 """Every format by its name, which is also the ending of a result's file."""
 

@@ -12,11 +12,12 @@ does not import torch.
 from .cloud import Limits, PointCloud
 from .errors import CODES, FormatError
 from .files import read, sniff, write
-from .flavours import NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
+from .flavours import LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
 
 __all__ = [
     "CODES",
     "FormatError",
+    "LasFlavour",
     "Limits",
     "NpzFlavour",
     "PcdFlavour",

@@ -14,7 +14,7 @@ from .cloud import Limits
 from .errors import FormatError, shown
 from .inflate import Member, corrupt
 
-MAX_MEMBERS = 16
+MAX_MEMBERS = 64
 """Members besides our own metadata."""
 MAX_NOTES = 32
 """Members named ``pcdnf_…``: metadata of an earlier denoising."""

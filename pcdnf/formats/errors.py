@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..errors import PcdnfError
+from ..file_formats import FORMATS
 
 CODES = {
     "bad_header": "the header breaks a rule of its format",
@@ -72,3 +73,14 @@ def shown(name: str, width: int = 48) -> str:
     """A name out of a foreign file, quoted, ASCII and short enough for a sentence."""
     text = ascii(name)
     return text if len(text) <= width else f"{text[:width]}…'"
+
+
+def check_available(name: str) -> None:
+    """Raise ``missing_extra`` unless the library of a format is installed."""
+    format_ = FORMATS[name]
+    if not format_.available:
+        raise FormatError(
+            f"{format_.title} needs the library {format_.library}, which is not installed here.",
+            code="missing_extra",
+            hint=f"Install it with: pip install 'pcdnf[{format_.extra}]'; or convert the file to PLY.",
+        )

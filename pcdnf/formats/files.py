@@ -13,13 +13,14 @@ from typing import BinaryIO
 
 from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
 from .cloud import Limits, PointCloud
-from .errors import FormatError
+from .errors import FormatError, check_available
+from .las import read_las, write_las
 from .npz import read_npz, write_npz
 from .pcd import read_pcd, write_pcd
 from .ply import read_ply, write_ply
 from .xyz import read_xyz, write_xyz
 
-READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz}
+READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz, "las": read_las}
 WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
     "ply": write_ply,
     "npz": write_npz,
@@ -27,6 +28,8 @@ WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
     "xyz": partial(write_xyz, format_="xyz"),
     "csv": partial(write_xyz, format_="csv"),
     "pts": partial(write_xyz, format_="pts"),
+    "las": partial(write_las, compressed=False),
+    "laz": partial(write_las, compressed=True),
 }
 
 _MAGIC_BYTES = 8
@@ -53,17 +56,6 @@ def sniff(head: bytes, *, text: bool = False) -> str:
         code="unknown_format",
         hint="Send a PLY file, or arrays saved with numpy.savez(path, points=…); name text files .xyz or .csv.",
     )
-
-
-def check_available(name: str) -> None:
-    """Raise ``missing_extra`` unless the library of a format is installed."""
-    format_ = FORMATS[name]
-    if not format_.available:
-        raise FormatError(
-            f"{format_.title} needs the library {format_.library}, which is not installed here.",
-            code="missing_extra",
-            hint=f"Install it with: pip install 'pcdnf[{format_.extra}]'; or convert the file to PLY.",
-        )
 
 
 def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bool | None = None) -> PointCloud:

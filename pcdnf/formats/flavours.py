@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+from .las_grid import Grid
+from .las_header import Record
+from .las_points import Extra
 
 
 @dataclass(frozen=True)
@@ -90,3 +94,40 @@ class XyzFlavour:
     comment: str = "#"
     newline: str = "\n"
     counted: bool = False
+
+
+@dataclass(frozen=True)
+class LasFlavour:
+    """How a LAS or LAZ stored its points.
+
+    Attributes
+    ----------
+    format : {"las", "laz"}
+    header : bytes
+        The public header.
+    records : tuple of Record
+        Variable-length records, coordinate systems among them; not those on compression and extra dimensions.
+    gap : bytes
+        What stood between the records and the points.
+    tail : bytes
+        What followed the points: extended records.
+    tail_start : int
+        Where it began.
+    point_format : int
+    extras : tuple of Extra
+        The extra dimensions, in file order.
+    grid : Grid
+    normals : tuple of str
+        The names of the three components.
+    """
+
+    format: Literal["las", "laz"] = "las"
+    header: bytes = b""
+    records: tuple[Record, ...] = ()
+    gap: bytes = b""
+    tail: bytes = b""
+    tail_start: int = 0
+    point_format: int = 6
+    extras: tuple[Extra, ...] = ()
+    grid: Grid = field(default_factory=Grid)
+    normals: tuple[str, str, str] = ("NormalX", "NormalY", "NormalZ")

@@ -37,7 +37,12 @@ def test_requirements_are_the_service_and_nothing_for_tests() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     names = {requirement.name for requirement in requirements()}
     assert names == {
-        Requirement(line).name for line in project["dependencies"] + project["optional-dependencies"]["service"]
+        Requirement(line).name
+        for line in (
+            project["dependencies"]
+            + project["optional-dependencies"]["service"]
+            + project["optional-dependencies"]["las"]
+        )
     }
     assert not names & {"open3d", "pytest", "hypothesis", "trimesh"}
 

@@ -408,8 +408,8 @@ def test_a_header_bomb(refused: Refused) -> None:
 
 
 def test_too_many_members(refused: Refused) -> None:
-    error = refused(npz(points=POINTS, **{f"a{index}": POINTS for index in range(16)}))
-    assert (error.code, error.limit, error.actual) == ("too_many_members", 16, 17)
+    error = refused(npz(points=POINTS, **{f"a{index}": POINTS for index in range(64)}))
+    assert (error.code, error.limit, error.actual) == ("too_many_members", 64, 65)
     assert refused(npz(points=POINTS, **{f"pcdnf_{index}": POINTS for index in range(33)})).code == "too_many_members"
     assert refused(npz(points=POINTS, **{f"a{index}": POINTS for index in range(3000)})).code == "too_many_members"
 

@@ -1,0 +1,68 @@
+"""Small valid files of every format, and changed copies of them."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, write
+
+KINDS = (
+    "ply-ascii", "ply-binary_little_endian", "ply-binary_big_endian", "npz-stored", "npz-deflated", "pcd-ascii",
+    "pcd-binary", "pcd-binary_compressed", "xyz", "csv", "pts", "las", "laz",
+)  # fmt: skip
+POINTS = 9
+
+
+def seed(kind: str, folder: Path) -> bytes:
+    """A small valid file with colours, attributes, comments and metadata."""
+    rng = np.random.default_rng(0)
+    format_, _, detail = kind.partition("-")
+    flavours = {
+        "ply": PlyFlavour(detail),
+        "npz": NpzFlavour(compressed=detail == "deflated"),
+        "pcd": PcdFlavour(detail),
+    }
+    cloud = PointCloud(
+        points=rng.normal(size=(POINTS, 3)),
+        normals=rng.normal(size=(POINTS, 3)),
+        attributes={
+            **{name: np.arange(POINTS, dtype=np.uint8) for name in ("red", "green", "blue")},
+            "tag": np.arange(POINTS, dtype=np.int32),
+        },
+        comments=["a comment"],
+        metadata={"device": "cpu"},
+        flavour=flavours.get(format_, PlyFlavour()),
+    )
+    write(folder / "seed", cloud, format=format_)
+    return (folder / "seed").read_bytes()
+
+
+def mutant(data: bytes, rng: np.random.Generator) -> bytes:
+    """Bytes with a few changes: single values, cut or doubled spans, numbers blown up."""
+    changed = bytearray(data)
+    for _ in range(rng.integers(1, 5)):
+        at, stop = sorted(rng.integers(0, max(1, len(changed)), 2).tolist())
+        match int(rng.integers(8)):
+            case 0:
+                changed[at : at + 1] = bytes([int(rng.integers(256))])
+            case 1:
+                del changed[at : min(stop, at + 40)]
+            case 2:
+                changed[at:at] = changed[at : min(stop, at + 40)]
+            case 3:
+                changed[at : at + 4] = rng.choice([b"\xff" * 4, b"\0" * 4, b"\x7f\xff\xff\xff", b" nan", b"9999"])
+            case 4:
+                changed = bytearray(bytes(changed).replace(b"9", rng.choice([b"-9", b"9e9", b"99999999"]), 1))
+            case 5:  # a number of the header
+                at = int(rng.integers(0, min(400, len(changed)) + 1))
+                value = rng.choice([0, 1, 2, 8, 10, 255, 65535, 2**31 - 1, 2**32 - 1])
+                changed[at : at + 4] = struct.pack("<I", value)
+            case 6:
+                changed = changed[: max(4, stop)]
+            case _:
+                if changed:
+                    changed[min(at, len(changed) - 1)] ^= 1 << int(rng.integers(8))
+    return bytes(changed)
