@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import struct
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .cloud import Limits, PointCloud, check_count, check_enough, checked
-from .errors import FormatError, check_available, shown
+from .errors import FormatError, shown
 from .flavours import LasFlavour
 from .las_columns import las_columns, new_flavour, sixteen_bit_colours
 from .las_grid import Grid, grid_for, snapped
 from .las_header import COMPRESSED, VLR, Header, Record, is_scaled, read_header
 from .las_points import EXTRA_ENTRY, Extra, pack, record_dtype, unpack
+from .laz import Compressor, inflated
 from .values import numeric_attributes
 
 NORMAL_NAMES = (("NormalX", "NormalY", "NormalZ"), ("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz"))
 """Extra dimensions that are normals, the first ones found count; new ones take the first that are free."""
-
-MAX_RATIO = 100
-"""Bytes a byte of a LAZ may inflate to, beyond the first ``FREE_BYTES``; surveys reach 20."""
-FREE_BYTES = 16 * 1024**2
 
 _NOTES = b"pcdnf"
 _METADATA, _COMMENTS = 1, 2
@@ -54,48 +51,19 @@ def read_las(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
     dtype = record_dtype(header.point_format, header.extras)
     file.seek(header.start)
     if header.compression:
-        rows = np.frombuffer(_inflated(file, header, size, limits), dtype)
+        rows = np.frombuffer(inflated(file, header, size, limits), dtype)
     else:
         rows = np.fromfile(file, dtype, header.count)
         if len(rows) < header.count:
-            _damaged()
+            raise FormatError(
+                f"The file ended after {len(rows)} of {header.count} points while it was read.",
+                code="truncated",
+                hint="Another program may be writing it: wait until that has ended.",
+                limit=header.count,
+                actual=len(rows),
+            )
     file.seek(header.end)
     return checked(_cloud(header, rows, file.read()), limits)
-
-
-def _inflated(file: BinaryIO, header: Header, size: int, limits: Limits) -> bytearray:
-    check_available("laz")
-    import lazrs
-
-    total = header.count * header.stride
-    for limit, code, what in (
-        (limits.max_bytes, "file_too_large", "the limit is {limit}"),
-        (FREE_BYTES + MAX_RATIO * size, "compression_ratio", "from {size}, far more than surveys do"),
-    ):
-        if total > limit:
-            raise FormatError(
-                f"The LAZ inflates to {total} bytes, {what.format(limit=limit, size=size)}.",
-                code=code,
-                hint="Send fewer points, or an uncompressed LAS.",
-                limit=limit,
-                actual=total,
-            )
-    data = bytearray(total)
-    try:
-        lazrs.LasZipDecompressor(file, header.compression).decompress_many(data)
-    except (FormatError, MemoryError, KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException:  # its panics are no Exception
-        _damaged()
-    return data
-
-
-def _damaged() -> NoReturn:
-    raise FormatError(
-        "The compressed points of the LAZ contradict themselves, or end early.",
-        code="corrupt_archive",
-        hint="The file is damaged: copy or export it again.",
-    )
 
 
 def _cloud(header: Header, rows: NDArray[Any], tail: bytes) -> PointCloud:
@@ -192,12 +160,10 @@ def _write_file(
     records = [*flavour.records, *_notes(cloud)]
     listed = b"".join(extra.entry or _undocumented(extra) for extra in extras)
     records += [Record(b"LASF_Spec", 4, b"", listed)] if extras else []
-    vlr = None
+    compressor = None
     if compressed:
-        import lazrs
-
-        vlr = lazrs.LazVlr.new_for_compression(flavour.point_format, sum(extra.size for extra in extras))
-        records.append(Record(b"laszip encoded", 22204, b"", bytes(vlr.record_data())))
+        compressor = Compressor(flavour.point_format, sum(extra.size for extra in extras))
+        records.append(Record(b"laszip encoded", 22204, b"", compressor.record))
     too_long = next((record for record in records if len(record.data) > _LARGEST_RECORD), None)
     if too_long is not None:
         raise FormatError(
@@ -211,13 +177,8 @@ def _write_file(
     struct.pack_into("<II", header, 96, start, len(records))
     struct.pack_into("<BH", header, 104, flavour.point_format | (COMPRESSED if compressed else 0), rows.dtype.itemsize)
     file.write(bytes(header) + packed + flavour.gap)
-    if vlr is not None:
-        import lazrs
-
-        compressor = lazrs.LasZipCompressor(file, vlr)
-        for at in range(0, len(rows), _ROWS_PER_WRITE):
-            compressor.compress_many(rows[at : at + _ROWS_PER_WRITE].tobytes())
-        compressor.done()
+    if compressor is not None:
+        compressor.write(file, rows)
     else:
         for at in range(0, len(rows), _ROWS_PER_WRITE):
             file.write(rows[at : at + _ROWS_PER_WRITE].tobytes())

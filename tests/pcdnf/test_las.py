@@ -300,6 +300,26 @@ def test_compressed_points_that_lie(refused: Refused, laz_bytes: bytes) -> None:
         assert refused(changed(laz_bytes, at + offset, form, value)).code == "bad_header"
 
 
+def test_layers_are_not_allocated_on_their_word(refused: Refused, laz_bytes: bytes) -> None:
+    start, stride = struct.unpack_from("<I", laz_bytes, 96)[0], struct.unpack_from("<H", laz_bytes, 105)[0]
+    layers = start + 8 + stride + 4
+    for at in (0, 4, 36, 40):
+        assert refused(changed(laz_bytes, layers + at, "<I", 2**32 - 16)).code == "corrupt_archive"
+
+
+def test_wave_packets(tmp_path: Path) -> None:
+    las = laspy.LasData(laspy.LasHeader(point_format=9, version="1.4"))
+    las.x, las.y, las.z = np.random.default_rng(0).uniform(0, 1, (3, COUNT))
+    las["return_point_wave_location"] = np.arange(COUNT, dtype=np.float32)
+    las.write(str(tmp_path / "a.las"))
+    cloud = read(tmp_path / "a.las")
+    for ending in ("las", "laz"):
+        write(tmp_path / f"b.{ending}", cloud, format=ending)
+        again = read(tmp_path / f"b.{ending}")
+        np.testing.assert_array_equal(again.attributes["wave_packet"], cloud.attributes["wave_packet"])
+    np.testing.assert_array_equal(laspy.read(tmp_path / "b.las")["return_point_wave_location"], np.arange(COUNT))
+
+
 def test_limits_of_points(refused: Refused, las_bytes: bytes) -> None:
     assert refused(las_bytes, max_points=COUNT - 1).code == "too_many_points"
     assert refused(las_bytes, minimum_points=COUNT + 1).code == "too_few_points"
