@@ -269,7 +269,7 @@ def _shown(request: Request, state: State, job: Job, status: int) -> Response:
         response.headers["Retry-After"] = "1" if job.status == "cancelling" else retry_after(outlook)
     if status == 200 and request.method == "GET":
         etag = f'"{hashlib.sha256(response.body).hexdigest()[:32]}"'
-        if etag in [tag.strip() for tag in request.headers.get("if-none-match", "").split(",")]:
+        if results.matches(request.headers.get("if-none-match"), etag):
             kept = {name: response.headers[name] for name in ("retry-after",) if name in response.headers}
             return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "private, no-cache"} | kept)
         response.headers["ETag"] = etag

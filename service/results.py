@@ -53,7 +53,7 @@ def respond(request: Request, job: Job, storage: Storage, name: str) -> Response
         "Vary": "Accept",
         "Cache-Control": "private, no-cache",
     }
-    if _matches(request.headers.get("if-none-match"), etag):
+    if matches(request.headers.get("if-none-match"), etag):
         return Response(status_code=304, headers=headers)
     if not _one_range(request, results[name]["size"], etag):
         headers["Content-Digest"] = headers["Repr-Digest"]
@@ -92,7 +92,8 @@ def _weight(options: list[str]) -> float:
     return 1.0
 
 
-def _matches(header: str | None, etag: str) -> bool:
+def matches(header: str | None, etag: str) -> bool:
+    """Return whether an If-None-Match header names `etag`, by the weak comparison of RFC 9110."""
     if header is None:
         return False
     tags = [tag.strip().removeprefix("W/") for tag in header.split(",")]
