@@ -49,6 +49,7 @@ FORMATS = {
     "pts": Format("PTS", "text/plain", (".pts",)),
     "las": Format("LAS", "application/vnd.las", (".las",), (b"LASF",)),
     "laz": Format("LAZ", "application/vnd.laszip", (".laz",), (b"LASF",), "lazrs", "las"),
+    "e57": Format("E57", "model/e57", (".e57",), (b"ASTM-E57",), "pye57", "e57"),
 }
 """Every format by its name, which is also the ending of a result's file."""
 

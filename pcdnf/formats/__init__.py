@@ -12,10 +12,11 @@ does not import torch.
 from .cloud import Limits, PointCloud
 from .errors import CODES, FormatError
 from .files import read, sniff, write
-from .flavours import LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
+from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
 
 __all__ = [
     "CODES",
+    "E57Flavour",
     "FormatError",
     "LasFlavour",
     "Limits",

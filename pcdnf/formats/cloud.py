@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import FormatError
-from .flavours import LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
+from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
 
 Array = NDArray[Any]
-Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour | LasFlavour
+Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour | LasFlavour | E57Flavour
 
 FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 """Types of coordinates and normals in memory."""

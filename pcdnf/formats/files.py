@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
 from .cloud import Limits, PointCloud
+from .e57 import read_e57, write_e57
 from .errors import FormatError, check_available
 from .las import read_las, write_las
 from .npz import read_npz, write_npz
@@ -20,7 +21,7 @@ from .pcd import read_pcd, write_pcd
 from .ply import read_ply, write_ply
 from .xyz import read_xyz, write_xyz
 
-READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz, "las": read_las}
+READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz, "las": read_las, "e57": read_e57}
 WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
     "ply": write_ply,
     "npz": write_npz,
@@ -30,6 +31,7 @@ WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
     "pts": partial(write_xyz, format_="pts"),
     "las": partial(write_las, compressed=False),
     "laz": partial(write_las, compressed=True),
+    "e57": write_e57,
 }
 
 _MAGIC_BYTES = 8

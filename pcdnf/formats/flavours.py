@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from .e57_header import Scan
 from .las_grid import Grid
 from .las_header import Record
 from .las_points import Extra
@@ -131,3 +132,11 @@ class LasFlavour:
     extras: tuple[Extra, ...] = ()
     grid: Grid = field(default_factory=Grid)
     normals: tuple[str, str, str] = ("NormalX", "NormalY", "NormalZ")
+
+
+@dataclass(frozen=True)
+class E57Flavour:
+    """The scans of an E57 that have points, in file order."""
+
+    scans: tuple[Scan, ...] = ()
+    format: Literal["e57"] = "e57"

@@ -72,17 +72,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="where files that break the rule go")
     given = parser.parse_args()
     began = time.monotonic()
-    totals: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
+    totals: dict[str, Counter[str]] = {kind: Counter() for kind in given.kinds}
     failures = cases = 0
     rng = np.random.default_rng(given.seed)
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
-        seeds = {kind: seed(kind, root) for kind in KINDS}
+        seeds = {kind: seed(kind, root) for kind in given.kinds}
         while cases < given.cases:
-            kind = KINDS[cases // BATCH % len(KINDS)]
+            kind = given.kinds[cases // BATCH % len(given.kinds)]
             folder = root / "batch"
             folder.mkdir()
             make_batch(folder, seeds[kind], BATCH, rng)

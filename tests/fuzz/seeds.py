@@ -11,7 +11,7 @@ from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, write
 
 KINDS = (
     "ply-ascii", "ply-binary_little_endian", "ply-binary_big_endian", "npz-stored", "npz-deflated", "pcd-ascii",
-    "pcd-binary", "pcd-binary_compressed", "xyz", "csv", "pts", "las", "laz",
+    "pcd-binary", "pcd-binary_compressed", "xyz", "csv", "pts", "las", "laz", "e57",
 )  # fmt: skip
 POINTS = 9
 
@@ -41,7 +41,35 @@ def seed(kind: str, folder: Path) -> bytes:
 
 
 def mutant(data: bytes, rng: np.random.Generator) -> bytes:
-    """Bytes with a few changes: single values, cut or doubled spans, numbers blown up."""
+    """Bytes with a few changes; those of an E57 mostly with sound checksums, to get past the first check."""
+    changed = _changed(data, rng)
+    return with_checksums(changed) if data.startswith(b"ASTM-E57") and rng.random() < 0.9 else changed
+
+
+def with_checksums(data: bytes) -> bytes:
+    """Pages of an E57 with the checksums (CRC-32C) of what they hold now."""
+    pages = [data[at : at + 1020].ljust(1020, b"\0") for at in range(0, len(data), 1024)]
+    return b"".join(page + struct.pack(">I", _crc32c(page)) for page in pages)
+
+
+def _crc32c(data: bytes) -> int:
+    value = 0xFFFFFFFF
+    for octet in data:
+        value = _TABLE[(value ^ octet) & 255] ^ (value >> 8)
+    return value ^ 0xFFFFFFFF
+
+
+def _row(value: int) -> int:
+    for _ in range(8):
+        value = (value >> 1) ^ (0x82F63B78 if value & 1 else 0)
+    return value
+
+
+_TABLE = [_row(value) for value in range(256)]
+
+
+def _changed(data: bytes, rng: np.random.Generator) -> bytes:
+    """Single values, cut or doubled spans, numbers blown up."""
     changed = bytearray(data)
     for _ in range(rng.integers(1, 5)):
         at, stop = sorted(rng.integers(0, max(1, len(changed)), 2).tolist())
