@@ -57,6 +57,8 @@ def test_sniffing() -> None:
     assert sniff(b"PK\x03\x04") == "npz"
     assert sniff(b"# .PCD v.7") == "pcd"
     assert sniff(b"VERSION .7") == "pcd"
+    assert sniff(b"LASF") == "las"
+    assert sniff(b"ASTM-E57") == "e57"
 
 
 @pytest.mark.parametrize(
