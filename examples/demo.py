@@ -20,7 +20,6 @@ import httpx
 import numpy as np
 from tqdm import tqdm
 
-from pcdnf import DEFAULT_ITERATIONS
 from pcdnf.formats import PointCloud, read
 from pcdnf.metrics import score
 from pcdnf.render import render_comparison
@@ -91,7 +90,7 @@ def main() -> None:
     """Run the demo."""
     parser = argparse.ArgumentParser(prog="scripts/demo", description="Denoise a cloud through the service.")
     parser.add_argument("file", nargs="?", type=Path, default=FOLDER / "bracket_noisy.ply")
-    parser.add_argument("--iterations", type=int, default=DEFAULT_ITERATIONS)
+    parser.add_argument("--iterations", default="auto")
     parser.add_argument("--output", type=Path, default=Path("demo-output"))
     arguments = parser.parse_args()
     source: Path = arguments.file

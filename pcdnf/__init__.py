@@ -13,9 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-DEFAULT_ITERATIONS = 2
-"""Passes of the command line and of the service; ``Denoiser.denoise`` alone makes one unless told."""
-
 if TYPE_CHECKING:
     from .denoiser import Denoiser as Denoiser
     from .denoiser import DenoiseResult as DenoiseResult

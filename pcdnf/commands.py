@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import DEFAULT_ITERATIONS
+from .choices import check_iterations, check_radius
 from .errors import PcdnfError
 from .file_formats import SUFFIXES, TEXT_FORMATS, titles
 from .formats import Limits, PointCloud, read, write
@@ -42,28 +42,30 @@ def add_denoise(subparsers: Subparsers) -> None:
         help="written as its ending says (.ply, .npz, …), else as the input was",
     )
     parser.add_argument(
-        "--iterations",
-        type=_positive,
-        default=DEFAULT_ITERATIONS,
-        metavar="N",
-        help="passes over the cloud (%(default)s)",
+        "--iterations", default="auto", metavar="N", help="passes over the cloud, or auto: by its noise (auto)"
+    )
+    parser.add_argument(
+        "--radius",
+        default="auto",
+        metavar="R",
+        help="size of the neighbourhoods: auto, a length in the cloud's unit, or a share of its diagonal: 4%% (auto)",
     )
     parser.add_argument("--model", metavar="M", help="a name that `pcdnf models` lists, or a .safetensors file")
     parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
     parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])
-    parser.add_argument("--normals", default="pca", choices=["pca", "input"], help="where raw normals come from (pca)")
+    parser.add_argument(
+        "--normals",
+        default="auto",
+        choices=["auto", "pca", "input"],
+        help="raw normals: estimated at a scale that suits the noise, from 24 neighbours, or the file's (auto)",
+    )
+    parser.add_argument("--orient", action="store_true", help="turn the normals to one side of the surface")
+    parser.add_argument("--outliers", default="keep", choices=["keep", "drop"], help="points far from all others")
     parser.add_argument("--nonfinite", default="reject", choices=["reject", "drop"], help="rows of NaN or infinity")
     parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="of every random choice (0)")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="also draw before and after")
     parser.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     parser.set_defaults(run=_denoise)
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
 
 
 def _natural(text: str) -> int:
@@ -76,7 +78,13 @@ def _natural(text: str) -> int:
 def _denoise(options: argparse.Namespace) -> int:
     for path in filter(None, (options.output, options.picture)):
         _check_writable(path)
+    check_iterations(options.iterations)
+    check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
+    if options.outliers == "drop":
+        from .outliers import drop_outliers
+
+        cloud = drop_outliers(cloud)
     if options.normals == "input" and cloud.normals is None:
         raise PcdnfError(
             "The file has no normals.", code="no_normals", hint="Leave out --normals input to have them estimated."
@@ -88,7 +96,12 @@ def _denoise(options: argparse.Namespace) -> int:
     began = time.monotonic()
     result = _run(denoiser, cloud, options)
     seconds = time.monotonic() - began
-    denoised = cloud.replaced(result.points, result.normals, metadata=result.metadata)
+    normals = result.normals
+    if options.orient:
+        from .orientation import orient_normals
+
+        normals = orient_normals(result.points, normals, like=cloud.normals)
+    denoised = cloud.replaced(result.points, normals, metadata=result.metadata)
     notes = cloud.warnings + _written(options.output, denoised, options.input)
     if result.flagged.any():
         notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
@@ -99,9 +112,11 @@ def _denoise(options: argparse.Namespace) -> int:
 
         render_comparison(cloud, denoised, options.picture, labels=("Before", "After"))
     if not options.quiet:
-        rate = len(cloud) * options.iterations / seconds
-        how = f"{denoiser.device}, {denoiser.precision}, {result.metadata['model']}"
+        facts = result.metadata
+        rate = len(cloud) * int(facts["iterations"]) / seconds
+        how = f"{denoiser.device}, {denoiser.precision}, {facts['model']}"
         print(f"{len(cloud):,} points in {seconds:.1f} s ({rate:,.0f} points/s; {how}): {options.output}")
+        print(f"noise about {facts['estimated_noise']}; {facts['iterations']} iterations, radius {facts['radius']}")
     return 0
 
 
@@ -119,17 +134,19 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
     """Denoise behind a progress bar, which a pipe does not get."""
     from tqdm import tqdm
 
-    total = len(cloud) * options.iterations
     hidden = True if options.quiet else None
-    with tqdm(total=total, unit=" points", unit_scale=True, disable=hidden, leave=False) as bar:
+    with tqdm(unit=" points", unit_scale=True, disable=hidden, leave=False) as bar:
 
-        def progress(done: int, _total: int) -> None:
+        def progress(done: int, total: int) -> None:
+            bar.total = total
             bar.update(done - bar.n)
 
         return denoiser.denoise(
             cloud.points,
-            cloud.normals if options.normals == "input" else None,
+            cloud.normals,
             iterations=options.iterations,
+            radius=options.radius,
+            initial=options.normals,
             seed=options.seed,
             progress=progress,
         )

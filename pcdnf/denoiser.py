@@ -9,11 +9,11 @@ point's result does not depend on tiles, batches or workers.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
@@ -22,31 +22,30 @@ from . import __version__
 from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
 from .cloud import Cloud, CloudError, Frame, TileResult
 from .device import choose_device, choose_precision
-from .folded import fold
-from .frames import to_world
+from .inference import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
 from .lite import LiteOutput
-from .memory import keep_freed_memory
 from .models import build_network
-from .network import PCDNF, NetworkOutput
-from .normals import raw_normals, unit_towards
-from .patches import Patches, PatchSource, Recipe
+from .network import NetworkOutput
+from .normals import raw_normals
+from .patches import PatchSource, Recipe
+from .plan import Plan, make_plan
+from .scale import normals_reach
 
-BATCH = {"pcdnf": 32, "lite": 256}
-"""Patches a batch on the CPU: temporaries stay in cache."""
-CUDA_BATCH = {"pcdnf": 256, "lite": 8192}
-FEWEST_NEIGHBOURS = 6
-"""A point with fewer neighbours inside the patch is returned as it came, flagged: a quadric has six terms."""
-LONGEST_STEP = 1.0
-"""Displacements end at the patch's border, in patch radii."""
-
-__all__ = ["Cloud", "CloudError", "DenoiseResult", "Denoiser", "Frame", "Stopped", "TileResult", "iteration_seed"]
+__all__ = [
+    "Cloud",
+    "CloudError",
+    "DenoiseResult",
+    "Denoiser",
+    "Frame",
+    "Plan",
+    "ShouldStop",
+    "Stopped",
+    "TileResult",
+    "iteration_seed",
+]
 
 Progress = Callable[[int, int], None]
-ShouldStop = Callable[[], bool]
-
-
-class Stopped(Exception):
-    """The caller's ``should_stop`` said so."""
+InitialNormals = Literal["auto", "pca", "input"]
 
 
 @dataclass(frozen=True)
@@ -94,16 +93,19 @@ class Denoiser:
         device: str = "cpu",
         precision: str = "float32",
     ) -> None:
-        self.info, self.recipe, self.device, self.precision = info, recipe, device, precision
-        self.kind = "pcdnf" if isinstance(network, PCDNF) else "lite"
-        self.batch = (BATCH if device == "cpu" else CUDA_BATCH)[self.kind]
-        dtype = torch.bfloat16 if precision == "bfloat16" else torch.float32
-        if device == "cpu":
-            keep_freed_memory()
-        network.eval()
-        self._network = fold(network.to(device), dtype) if isinstance(network, PCDNF) else network.to(device)
-        self._autocast = self.kind == "lite" and dtype is torch.bfloat16
+        self.info, self.recipe = info, recipe
+        self.inference = Inference(network, device=device, precision=precision)
         self.minimum_points = FEWEST_NEIGHBOURS + 10
+
+    @property
+    def device(self) -> str:
+        """ "cpu" or "cuda:N"."""
+        return self.inference.device
+
+    @property
+    def precision(self) -> str:
+        """ "float32" or "bfloat16"."""
+        return self.inference.precision
 
     @classmethod
     def load(
@@ -133,35 +135,45 @@ class Denoiser:
         network.load_state_dict(state)
         return cls(network, Recipe(**info.recipe), info=info, device=device, precision=precision)
 
-    @torch.inference_mode()
     def network(self, points: Tensor, normals: Tensor) -> NetworkOutput | LiteOutput:
-        """Run the network on patches in their frames.
+        """Run the network on patches in their frames; see :meth:`pcdnf.inference.Inference.network`."""
+        return self.inference.network(points, normals)
 
-        Parameters
-        ----------
-        points, normals : Tensor, (B, M, 3) float32
-            In patch radii, the centre first and at the origin; see :mod:`pcdnf.patches`.
+    @property
+    def batch(self) -> int:
+        """Patches a batch; halve it where a device runs out of memory."""
+        return self.inference.batch
 
-        Returns
-        -------
-        object
-            ``displacement`` (B, 3), ``normal`` (B, 3), ``weight`` (B, M), ``selected`` (B, K).
-        """
-        with torch.autocast(torch.device(self.device).type, torch.bfloat16, enabled=self._autocast):
-            output: NetworkOutput | LiteOutput = self._network(points.to(self.device), normals.to(self.device))
-        return output
+    @batch.setter
+    def batch(self, value: int) -> None:
+        self.inference.batch = value
 
     def warm_up(self) -> None:
         """Compile and touch everything on one small cloud."""
         grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), -1).reshape(-1, 2)
         self.denoise(np.c_[grid, 0.1 * np.random.default_rng(0).normal(size=len(grid))])
 
+    def plan(
+        self, points: NDArray[np.floating], *, iterations: int | str = "auto", radius: float | str = "auto"
+    ) -> Plan:
+        """Choose what the caller leaves open; see :func:`pcdnf.plan.make_plan`.
+
+        Raises
+        ------
+        ChoiceError, CloudError
+        """
+        given = self._checked(points)
+        return make_plan(given, self.recipe, frame=Frame.of(given), iterations=iterations, radius=radius)
+
     def prepare(
         self,
         points: NDArray[np.floating],
         normals: NDArray[np.floating] | None = None,
         *,
+        plan: Plan | None = None,
+        iteration: int = 0,
         frame: Frame | None = None,
+        initial: InitialNormals = "input",
         seed: int = 0,
         should_stop: ShouldStop | None = None,
     ) -> Cloud:
@@ -171,9 +183,17 @@ class Denoiser:
         ----------
         points : ndarray, (N, 3) float
         normals : ndarray, (N, 3) float, optional
-            Raw normals of any length; PCA normals where not given or zero.
+            Normals of any length: the caller's for the first iteration, the last result's later. A row that is zero
+            or not finite counts as missing.
+        plan : Plan, optional
+            Of the whole run, made for its first iteration's points; made here where not given.
+        iteration : int
+            Which one this is, from 0.
         frame : Frame, optional
             The first iteration's; later ones keep its centre and scale.
+        initial : {"input", "auto", "pca"}
+            What the raw normals are: ``normals`` where there are any, PCA of a scale that suits the noise (where the
+            network was trained so), or of 24 neighbours. Estimated ones take their sign from ``normals``.
         seed : int
             Of the random subsets, see :func:`iteration_seed`.
         should_stop : callable, optional
@@ -184,6 +204,27 @@ class Denoiser:
             Too few points, no extent, or one out of range, NaN or infinity.
         Stopped
         """
+        given = self._checked(points)
+        frame = Frame.of(given) if frame is None else frame
+        if plan is None:
+            plan = make_plan(given, self.recipe, frame=frame)
+        local = frame.to_local(given)
+        radius = plan.radii[iteration] / frame.diagonal
+        recipe = replace(self.recipe, radius=radius, fewest=FEWEST_NEIGHBOURS + 10)
+        tree = cKDTree(local)
+
+        def check() -> None:
+            if should_stop is not None and should_stop():
+                raise Stopped
+
+        reach = 0.0
+        if recipe.normals == "ball" and initial != "pca":
+            reach = normals_reach(radius, plan.scale.scaled(1 / frame.diagonal))
+        raw = raw_normals(local, normals, tree=tree, reach=reach, replace=initial != "input", check=check)
+        source = PatchSource(local, raw, recipe, diagonal=1.0, seed=seed, tree=tree)
+        return Cloud(given, raw, frame, source)
+
+    def _checked(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
         if len(given) < self.minimum_points:
             raise CloudError(
@@ -191,17 +232,7 @@ class Denoiser:
                 code="too_few_points",
                 hint="Send a denser or larger piece of the scan.",
             )
-        frame = Frame.of(given) if frame is None else frame
-        local = frame.to_local(given)
-        tree = cKDTree(local)
-
-        def check() -> None:
-            if should_stop is not None and should_stop():
-                raise Stopped
-
-        raw = raw_normals(local, normals, tree=tree, check=check)
-        source = PatchSource(local, raw, self.recipe, diagonal=1.0, seed=seed, tree=tree)
-        return Cloud(given, raw, frame, source)
+        return given
 
     def denoise_tile(
         self,
@@ -220,44 +251,24 @@ class Denoiser:
         ------
         Stopped
         """
-        centres = cloud.order[start:stop]
-        moves = np.empty((len(centres), 3))
-        normals = np.empty((len(centres), 3), np.float32)
-        flagged = np.empty(len(centres), bool)
-        for low, patches in self._batches(cloud.source, centres):
-            if should_stop is not None and should_stop():
-                raise Stopped
-            high = min(low + self.batch, len(centres))
-            index = patches.index[: high - low]
-            output = self.network(torch.from_numpy(patches.points), torch.from_numpy(patches.normals))
-            move, normal = (
-                to_world(local.float().cpu().numpy(), patches.frames)[: high - low]
-                for local in (output.displacement, output.normal)
-            )
-            raw = cloud.normals[index[:, 0]]
-            lost = ((index >= 0).sum(1) <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
-            length = np.linalg.norm(move, axis=1, keepdims=True)
-            move *= np.minimum(1.0, LONGEST_STEP / np.maximum(length, LONGEST_STEP))
-            moves[low:high] = np.where(lost[:, None], 0.0, move) * (cloud.source.radius * cloud.frame.diagonal)
-            normals[low:high] = unit_towards(np.where(lost[:, None], raw, normal), raw)
-            flagged[low:high] = lost
-            if progress is not None:
-                progress(high)
-        return TileResult(cloud.points[centres] + moves, normals, flagged)
-
-    def _batches(self, source: PatchSource, centres: NDArray[np.int64]) -> Iterator[tuple[int, Patches]]:
-        """Batches of one shape; the last is filled up with its own first centre."""
-        for low in range(0, len(centres), self.batch):
-            chosen = centres[low : low + self.batch]
-            filled = np.concatenate([chosen, np.full(self.batch - len(chosen), chosen[0])])
-            yield low, source.take(filled)
+        return self.inference.denoise(
+            cloud.points,
+            cloud.normals,
+            cloud.source,
+            cloud.order[start:stop],
+            unit=cloud.frame.diagonal,
+            progress=progress,
+            should_stop=should_stop,
+        )
 
     def denoise(
         self,
         points: NDArray[np.floating],
         normals: NDArray[np.floating] | None = None,
         *,
-        iterations: int = 1,
+        iterations: int | str = "auto",
+        radius: float | str = "auto",
+        initial: InitialNormals = "auto",
         seed: int = 0,
         progress: Progress | None = None,
         should_stop: ShouldStop | None = None,
@@ -269,9 +280,11 @@ class Denoiser:
         points : ndarray, (N, 3) float
             In any unit and place; order and count are kept.
         normals : ndarray, (N, 3) float, optional
-            Raw normals; by PCA where not given.
-        iterations : int
-            Each takes points and normals of the one before.
+            The caller's, of any length: the result's lie on their side.
+        iterations, radius
+            See :func:`pcdnf.plan.make_plan`. Each iteration takes points and normals of the one before.
+        initial : {"auto", "pca", "input"}
+            Raw normals of the first iteration, see :meth:`prepare`.
         seed : int
             Of the random subsets of neighbours.
         progress : callable, optional
@@ -283,18 +296,28 @@ class Denoiser:
         ------
         CloudError
             See :meth:`prepare`.
+        ChoiceError
+            See :mod:`pcdnf.choices`.
         Stopped
             ``should_stop`` returned True.
         """
+        plan = self.plan(points, iterations=iterations, radius=radius)
         given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
         frame = Frame.of(given)
         current, raw = given, normals
         moved, turned = given, np.empty(given.shape, np.float32)
         flagged = np.zeros(len(given), bool)
-        total = iterations * len(given)
-        for iteration in range(iterations):
+        total = plan.iterations * len(given)
+        for iteration in range(plan.iterations):
             cloud = self.prepare(
-                current, raw, frame=frame, seed=iteration_seed(seed, iteration), should_stop=should_stop
+                current,
+                raw,
+                plan=plan,
+                iteration=iteration,
+                frame=frame,
+                initial="input" if iteration else initial,
+                seed=iteration_seed(seed, iteration),
+                should_stop=should_stop,
             )
             moved, turned = np.empty_like(given), np.empty(given.shape, np.float32)
             for start, stop in cloud.tiles():
@@ -309,18 +332,18 @@ class Denoiser:
                 moved[rows], turned[rows] = tile.points, tile.normals
                 flagged[rows] |= tile.flagged
             current, raw = moved, turned
-        return DenoiseResult(moved, turned, flagged, self.metadata(seed=seed, iterations=iterations))
+        return DenoiseResult(moved, turned, flagged, self.metadata(seed=seed, plan=plan))
 
-    def metadata(self, *, seed: int, iterations: int) -> dict[str, str]:
+    def metadata(self, *, seed: int, plan: Plan) -> dict[str, str]:
         """What is needed to repeat a run, for the result's file."""
         return {
-            "model": self.info.name if self.info else self.kind,
+            "model": self.info.name if self.info else self.inference.kind,
             "weights_sha256": self.info.sha256 if self.info else "",
             "version": __version__,
             "device": self.device,
             "precision": self.precision,
-            "iterations": str(iterations),
             "seed": str(seed),
+            **plan.metadata(),
         }
 
 

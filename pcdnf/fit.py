@@ -3,7 +3,8 @@
 A patch in its PCA frame is written as a height field ``z = a + b x + c y + d x^2 + e x y + f y^2`` and fitted
 by ridge-regularised weighted least squares. Value and slope of the fit at the origin (the patch's centre) give a
 displacement onto the surface and a normal. The paper's Remark 1 (section 3.2.2) wants the selected points to be
-co-planar; here the selector's weights receive that gradient directly.
+co-planar; here the selector's weights receive that gradient directly. Normals, where their own weights are given,
+add an equation for each slope (a Hermite fit).
 """
 
 from __future__ import annotations
@@ -19,18 +20,35 @@ TERMS = 6
 
 @dataclass(frozen=True)
 class QuadricFit:
-    """Height and slope of a fitted quadric at the centre of its patch.
+    """A fitted quadric, in patch radii.
 
     Attributes
     ----------
-    height : Tensor, (B,) float32
-        z of the surface above the centre, in patch radii.
-    slope : Tensor, (B, 2) float32
-        dz/dx and dz/dy at the centre.
+    coefficients : Tensor, (B, 6) float32
+        a to f; a is the height of the surface above the centre, (b, c) its slope there.
     """
 
-    height: Tensor
-    slope: Tensor
+    coefficients: Tensor
+
+    @property
+    def height(self) -> Tensor:
+        """z (B,) of the surface above the centre."""
+        return self.coefficients[:, 0]
+
+    @property
+    def slope(self) -> Tensor:
+        """dz/dx and dz/dy (B, 2) at the centre."""
+        return self.coefficients[:, 1:3]
+
+    def shifted(self, height: Tensor, slope: Tensor) -> QuadricFit:
+        """The same quadric, ``height`` (B,) higher and steeper by ``slope`` (B, 2) at the centre."""
+        change = torch.cat([height[:, None], slope, torch.zeros_like(self.coefficients[:, 3:])], -1)
+        return QuadricFit(self.coefficients + change)
+
+    def at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Height, dz/dx and dz/dy, each (B, M), at places (B, M)."""
+        a, b, c, d, e, f = self.coefficients[:, :, None].unbind(1)  # (B, 1)
+        return a + x * (b + d * x + e * y) + y * (c + f * y), b + 2 * d * x + e * y, c + e * x + 2 * f * y
 
     def _upward(self) -> tuple[Tensor, Tensor]:
         normal = torch.cat([-self.slope, torch.ones_like(self.height)[:, None]], -1)  # (B, 3)
@@ -47,7 +65,14 @@ class QuadricFit:
         return normal / square.sqrt()
 
 
-def fit_quadric(points: Tensor, weights: Tensor, *, ridge: Tensor) -> QuadricFit:
+def fit_quadric(
+    points: Tensor,
+    weights: Tensor,
+    *,
+    ridge: Tensor,
+    normals: Tensor | None = None,
+    slope_weights: Tensor | None = None,
+) -> QuadricFit:
     """Fit a height field to each patch.
 
     Parameters
@@ -59,20 +84,38 @@ def fit_quadric(points: Tensor, weights: Tensor, *, ridge: Tensor) -> QuadricFit
     ridge : Tensor, (6,) or (B, 6)
         Positive ridge a coefficient, relative to the mean weight. It keeps the system regular even for a patch
         with a single point.
+    normals : Tensor, (B, M, 3), optional
+        Unit normals, z >= 0; with ``slope_weights`` each asks the fit for its slope.
+    slope_weights : Tensor, (B, M), optional
+        Weight of a normal's equations relative to its point's.
 
     Returns
     -------
     QuadricFit
-        float32, differentiable in ``points``, ``weights`` and ``ridge``.
+        float32, differentiable in every argument.
     """
     with torch.autocast(points.device.type, enabled=False):
         x, y, z = points.float().unbind(-1)  # (B, M)
-        design = torch.stack([torch.ones_like(x), x, y, x * x, x * y, y * y], -1)  # (B, M, 6)
+        one = torch.ones_like(x)
+        design = torch.stack([one, x, y, x * x, x * y, y * y], -1)  # (B, M, 6)
         weights = weights.float()
-        weighted = design * (weights / weights.sum(1, keepdim=True))[..., None]  # (B, M, 6)
-        gram = design.transpose(1, 2) @ weighted  # (B, 6, 6)
+        weights = weights / weights.sum(1, keepdim=True)
+        weighted = design * weights[..., None]  # (B, M, 6)
+        gram = weighted.transpose(1, 2) @ design  # (B, 6, 6)
+        right = (z[:, None] @ weighted)[:, 0]  # (B, 6)
+        if normals is not None and slope_weights is not None:
+            u, v, w = normals.float().unbind(-1)  # (B, M)
+            zero = torch.zeros_like(x)
+            along = torch.cat(
+                [
+                    torch.stack([zero, one, zero, 2 * x, y, zero], -1),
+                    torch.stack([zero, zero, one, zero, x, 2 * y], -1),
+                ],
+                1,
+            )  # (B, 2 M, 6)
+            share = weights * slope_weights.float() * w  # (B, M)
+            right = right - (torch.cat([share * u, share * v], 1)[:, None] @ along)[:, 0]
+            gram = gram + (along * torch.cat([share * w, share * w], 1)[..., None]).transpose(1, 2) @ along
         gram = gram + torch.diag_embed(ridge.float().expand(len(x), TERMS))
-        right = (weighted * z[..., None]).sum(1)  # (B, 6)
-        factor, _ = torch.linalg.cholesky_ex(gram)
-        solution = torch.cholesky_solve(right[..., None], factor)[..., 0]  # (B, 6)
-        return QuadricFit(solution[:, 0], solution[:, 1:3])
+        factor, _ = torch.linalg.cholesky_ex(gram.double())
+        return QuadricFit(torch.cholesky_solve(right[..., None].double(), factor)[..., 0].float())

@@ -16,7 +16,7 @@ from .patches import Recipe
 
 @dataclass(frozen=True, kw_only=True)
 class Defaults:
-    """What a training of one kind starts from."""
+    """What a training of one kind starts from; ``fewest_neighbours`` where batches vary them."""
 
     config: NetworkConfig | LiteConfig
     recipe: Recipe
@@ -24,6 +24,7 @@ class Defaults:
     batch: int
     learning_rate: float
     fresh_every: int
+    fewest_neighbours: int = 0
 
 
 DEFAULTS = {
@@ -37,11 +38,12 @@ DEFAULTS = {
     ),
     "lite": Defaults(
         config=LiteConfig(),
-        recipe=Recipe(kind="near-far", points=128, near=48, radius=0.04, fewest=32),
+        recipe=Recipe(kind="ball", points=256, adaptive=9.8, fewest=48, normals="ball"),
         losses=LossWeights(alpha=1.0, ortho=0.0, nearest=2.0, dense_point=0.0, dense_normal=0.0),
         batch=256,
         learning_rate=3e-3,
         fresh_every=60,
+        fewest_neighbours=96,
     ),
 }
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .frames import principal_axes
+from .grid import BallGrid
 
 CHUNK = 16384
 """Points whose neighbour lists are held at once: bounds the memory at CHUNK x k x 16 bytes."""
@@ -54,14 +55,47 @@ def pca_normals(
     return normals
 
 
+def ball_normals(
+    points: NDArray[np.float64], radius: float, *, most: int = 64, check: Callable[[], None] | None = None
+) -> NDArray[np.float32]:
+    """PCA normals of a random subset of each point's ball: of adaptive scale where the radius follows the noise.
+
+    Parameters
+    ----------
+    points : ndarray, (N, 3) float64
+    radius : float
+        Of the balls, in the unit of the points.
+    most : int
+        Points a ball, at most.
+    check : callable, optional
+        See :func:`pca_normals`.
+
+    Returns
+    -------
+    ndarray, (N, 3) float32
+        Unit normals without a consistent sign.
+    """
+    grid = BallGrid(points, radius)
+    normals = np.empty(points.shape, np.float32)
+    for start in range(0, len(points), CHUNK):
+        if check is not None:
+            check()
+        own = np.arange(start, min(start + CHUNK, len(points)))
+        index = np.concatenate([own[:, None], grid.subset(points[own], own, most - 1, seed=0)], 1)
+        normals[own] = principal_axes(points, index)[:, 2]
+    return normals
+
+
 def raw_normals(
     points: NDArray[np.float64],
     given: NDArray[np.floating] | None,
     *,
     tree: cKDTree,
+    reach: float = 0.0,
+    replace: bool = False,
     check: Callable[[], None] | None = None,
 ) -> NDArray[np.float32]:
-    """The caller's normals at unit length, PCA's where there are none.
+    """The caller's normals at unit length, estimated ones where there are none.
 
     Parameters
     ----------
@@ -70,6 +104,10 @@ def raw_normals(
         Of any length; a row that is zero or not finite counts as missing.
     tree : cKDTree
         Of the points.
+    reach : float
+        Radius of the balls of estimated normals; 0 for the 24 nearest neighbours.
+    replace : bool
+        Of the given normals keep the side alone.
     check : callable, optional
         See :func:`pca_normals`.
 
@@ -77,16 +115,21 @@ def raw_normals(
     -------
     ndarray, (N, 3) float32
     """
+
+    def estimated() -> NDArray[np.float32]:
+        return ball_normals(points, reach, check=check) if reach else pca_normals(points, tree=tree, check=check)
+
     if given is None:
-        return pca_normals(points, tree=tree, check=check)
+        return estimated()
     normals = np.asarray(given, np.float64)
     length = np.linalg.norm(normals, axis=1)
     usable = np.isfinite(length) & (length > 1e-12)
-    if not usable.all():
-        normals = np.where(usable[:, None], normals, pca_normals(points, tree=tree, check=check))
-        length = np.where(usable, length, 1.0)
-    unit: NDArray[np.float32] = (normals / length[:, None]).astype(np.float32)
-    return unit
+    unit = np.where(usable[:, None], normals, 0) / np.where(usable, length, 1)[:, None]
+    if replace:
+        unit = unit_towards(estimated(), unit)
+    elif not usable.all():
+        unit = np.where(usable[:, None], unit, estimated())
+    return np.asarray(unit, np.float32)
 
 
 def unit_towards(normals: NDArray[np.floating], like: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -10,6 +10,7 @@ Padding (fewer neighbours than M) is the centre itself, the origin of the patch 
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -19,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from .frames import local_patches
 from .grid import BallGrid
+from .scale import Scale
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +40,13 @@ class Recipe:
         Raw normals are flipped to z >= 0 in the patch frame.
     fewest : int
         Points a typical ball must hold: a sparser cloud gets a larger radius, rather than patches of padding.
+    adaptive : float
+        Where positive, the radius is this many times the geometric mean of noise and spacing, instead of r.
+    later : float
+        Radius of later iterations relative to the first one's.
+    normals : {"pca", "ball"}
+        Where raw normals come from, as trained: :func:`pcdnf.normals.pca_normals`, or ``ball_normals`` of a radius
+        that suits the noise.
     """
 
     kind: Literal["ball", "knn", "near-far"] = "ball"
@@ -46,6 +55,14 @@ class Recipe:
     near: int = 0
     upward: bool = True
     fewest: int = 0
+    adaptive: float = 0.0
+    later: float = 1.0
+    normals: Literal["pca", "ball"] = "pca"
+
+    def adaptive_radius(self, scale: Scale) -> float:
+        """The first iteration's radius for a cloud, in its unit; a flat ball of it holds ``fewest`` points."""
+        least = scale.spacing * math.sqrt(max(self.fewest, 1) / math.pi)
+        return max(self.adaptive * math.sqrt(scale.noise * scale.spacing), least)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for a checkpoint's metadata."""

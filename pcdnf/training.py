@@ -11,7 +11,7 @@ import argparse
 import json
 import math
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,11 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from .checkpoint import save_checkpoint
-from .denoiser import Denoiser, Frame
+from .denoiser import Denoiser
 from .losses import LossWeights, angle_degrees, normal_loss, ortho_loss, point_terms
 from .memory import keep_freed_memory
 from .models import DEFAULTS, Defaults, build_network
+from .patches import PatchSource, Recipe
 from .training_data import Batch, BatchStream, FirstPass, TrainingCloud, sample_batch
 
 WARM_UP = 0.03
@@ -210,7 +211,7 @@ class Trainer:
         while self.elapsed < budget:
             if options.first_pass and stream.first_pass is None and self.elapsed > 0.1 * budget:
                 stream.first_pass, stream.first_pass_share = self._first_pass(), options.first_pass_share
-            batch = stream.get()
+            batch = self._narrowed(stream.get())
             for group in self.optimizer.param_groups:
                 group["lr"] = learning_rate(defaults.learning_rate, self.elapsed / budget)
             self.network.train()
@@ -234,6 +235,22 @@ class Trainer:
                 self._checkpoint(validation)
                 last_saved = self.elapsed
 
+    def _narrowed(self, batch: Batch) -> Batch:
+        """Fewer neighbours a patch, where the network takes any number: a random subset, the same for the batch."""
+        fewest = self.defaults.fewest_neighbours
+        full = batch.points.shape[1]
+        if not fewest:
+            return batch
+        count = int(torch.randint(fewest // 32, full // 32 + 1, ())) * 32
+        chosen = torch.cat([torch.zeros(1, dtype=torch.int64), 1 + torch.randperm(full - 1)[: count - 1]])
+        return replace(
+            batch,
+            points=batch.points[:, chosen],
+            normals=batch.normals[:, chosen],
+            clean_points=batch.clean_points[:, chosen],
+            clean_normals=batch.clean_normals[:, chosen],
+        )
+
     def _checkpoint(self, validation: list[Batch]) -> None:
         scores = validate(self.average, validation)
         self._log(validation={key: round(value, 5) for key, value in scores.items()})
@@ -255,13 +272,15 @@ def first_pass(denoiser: Denoiser) -> FirstPass:
     """One iteration of a crop whose cloud has diagonal 1, as the second iteration will see it."""
 
     def apply(
-        points: NDArray[np.float64], normals: NDArray[np.float32], seed: int
+        points: NDArray[np.float64],
+        normals: NDArray[np.float32],
+        recipe: Recipe,
+        rows: NDArray[np.int64],
+        seed: int,
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        cloud = denoiser.prepare(points, normals, frame=Frame(np.zeros(3), 1.0), seed=seed)
-        tile = denoiser.denoise_tile(cloud, 0, len(cloud))
-        moved, turned = np.empty_like(tile.points), np.empty_like(tile.normals)
-        moved[cloud.order], turned[cloud.order] = tile.points, tile.normals
-        return moved, turned
+        source = PatchSource(points, normals, recipe, diagonal=1.0, seed=seed, workers=1)
+        tile = denoiser.inference.denoise(points, normals, source, rows)
+        return tile.points, tile.normals
 
     return apply
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -20,17 +20,25 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from .losses import Surface
-from .normals import pca_normals
+from .normals import ball_normals, pca_normals
 from .patches import PatchSource, Recipe
+from .scale import Scale, clean_spacing, normals_reach
 from .shapes import random_shape
 
 SURFACE_POINTS = 96
 """Clean points around each centre that the losses see."""
-CROP = 4.0
-"""Radius of a first pass's crop in patch radii; centres are taken from the inner half."""
+CROP = 1.5
+"""Where a first pass was made, centres lie within this many patch radii of a random point."""
+RADIUS_SPREAD = 0.35
+"""Standard deviation of the logarithm of a cloud's patch radius around the recipe's own choice."""
+DIRT = 0.12
+"""Share of the clouds with impulsive outliers."""
 
-FirstPass = Callable[[NDArray[np.float64], NDArray[np.float32], int], tuple[NDArray[np.float64], NDArray[np.float32]]]
-"""(points, raw normals, seed) of a crop with diagonal-1 coordinates to denoised points and normals."""
+FirstPass = Callable[
+    [NDArray[np.float64], NDArray[np.float32], Recipe, NDArray[np.int64], int],
+    tuple[NDArray[np.float64], NDArray[np.float32]],
+]
+"""(points, raw normals, recipe, rows, seed) of a crop with diagonal-1 coordinates to those rows denoised."""
 
 
 @dataclass(frozen=True)
@@ -57,25 +65,36 @@ class TrainingCloud:
     """A clean cloud, its noisy version and what is needed to cut patches from it."""
 
     def __init__(self, rng: Generator, recipe: Recipe, first_pass: FirstPass | None) -> None:
-        count = int(rng.uniform(50_000, 100_000) if rng.random() < 0.6 else np.exp(rng.uniform(*np.log([8e3, 2e5]))))
+        count = int(rng.uniform(50_000, 120_000) if rng.random() < 0.6 else np.exp(rng.uniform(*np.log([6e3, 2e5]))))
         shape = random_shape(rng, count)
-        clean, clean_normals = shape.points, shape.normals
-        if rng.random() < 0.15:  # uneven sampling: density falls along a random direction
-            position = clean @ rng.normal(size=3)
-            keep = rng.random(count) < np.clip((position - position.min()) / np.ptp(position), 0.15, 1)
-            clean, clean_normals = clean[keep], clean_normals[keep]
-        noisy = clean + _noise(rng, clean.shape)
-        normals = pca_normals(noisy, workers=1)
-        self.centres = np.arange(len(noisy))
-        if first_pass is not None:
-            reach = CROP * recipe.radius
-            middle = noisy[rng.integers(len(noisy))]
-            crop = np.flatnonzero(((noisy - middle) ** 2).sum(1) < reach**2)
-            clean, clean_normals = clean[crop], clean_normals[crop]
-            noisy, normals = first_pass(noisy[crop], normals[crop], int(rng.integers(1 << 31)))
-            self.centres = np.flatnonzero(((noisy - middle) ** 2).sum(1) < (reach / 2) ** 2)
-        self.clean, self.clean_normals = clean.astype(np.float32), clean_normals.astype(np.float32)
+        keep = _kept(rng, shape.points)
+        clean, clean_normals = shape.points[keep], shape.normals[keep]
         self._clean_tree = cKDTree(clean)
+        noise, level = _noise(rng, clean)
+        noisy = clean + noise
+        normals_radius = 0.0
+        later = recipe
+        if recipe.adaptive:
+            scale = Scale(level, clean_spacing(self._clean_tree))
+            radius = recipe.adaptive_radius(scale)
+            spread = np.exp(rng.normal(0, RADIUS_SPREAD, 2))
+            normals_radius = normals_reach(radius, scale) if recipe.normals == "ball" else 0.0
+            recipe, later = (replace(recipe, radius=radius * spread[i], adaptive=0.0, fewest=16) for i in (0, 1))
+        self.centres = np.arange(len(noisy))
+        if first_pass is None:
+            normals = ball_normals(noisy, normals_radius) if normals_radius else pca_normals(noisy, workers=1)
+        else:
+            inner = CROP * later.radius
+            distance = np.linalg.norm(noisy - noisy[rng.integers(len(noisy))], axis=1)
+            crop = np.flatnonzero(distance < inner + later.radius + recipe.radius)
+            part, distance = noisy[crop], distance[crop]
+            normals = ball_normals(part, normals_radius) if normals_radius else pca_normals(part, workers=1)
+            rows = np.flatnonzero(distance < inner + later.radius)
+            noisy, normals = first_pass(part, normals, recipe, rows, int(rng.integers(1 << 31)))
+            clean, clean_normals, distance = clean[crop[rows]], clean_normals[crop[rows]], distance[rows]
+            self._clean_tree = cKDTree(clean)
+            self.centres, recipe = np.flatnonzero(distance < inner), later
+        self.clean, self.clean_normals = clean.astype(np.float32), clean_normals.astype(np.float32)
         self._edges = self.centres[self._near_edge(self.centres)]
         self._source = PatchSource(noisy, normals, recipe, diagonal=1.0, seed=0, workers=1)
         self.noisy = noisy
@@ -108,17 +127,40 @@ class TrainingCloud:
         return result
 
 
-def _noise(rng: Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Noise of a random kind and level, 0 to 3 % of the diagonal (1)."""
-    level = rng.uniform(0, 0.002) if rng.random() < 0.08 else np.exp(rng.uniform(*np.log([0.002, 0.03])))
-    kind = rng.random()
-    if kind < 0.8:
-        return level * rng.normal(size=shape)
-    if kind < 0.87:
-        return level * rng.laplace(scale=np.sqrt(0.5), size=shape)
-    if kind < 0.94:
-        return level * rng.uniform(-np.sqrt(3), np.sqrt(3), size=shape)
-    return level * rng.normal(size=shape) * rng.uniform(0.2, 1.5, 3)
+def _kept(rng: Generator, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Rows that a scan of uneven sampling, or with holes, would hold; most clouds stay whole."""
+    keep = np.ones(len(points), bool)
+    if rng.random() < 0.15:  # density falls along a random direction
+        position = points @ rng.normal(size=3)
+        keep &= rng.random(len(points)) < np.clip((position - position.min()) / np.ptp(position), 0.15, 1)
+    if rng.random() < 0.15:
+        for middle in points[rng.integers(len(points), size=rng.integers(1, 12))]:
+            keep &= ((points - middle) ** 2).sum(1) > rng.uniform(0.01, 0.06) ** 2
+    rows = np.flatnonzero(keep)
+    return rows if len(rows) > 2000 else np.arange(len(points))
+
+
+def _noise(rng: Generator, clean: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Noise (N, 3) of a random kind, and its level: 0 to 3 % of the diagonal (1), a standard deviation a coordinate."""
+    level = rng.uniform(0, 0.002) if rng.random() < 0.1 else np.exp(rng.uniform(*np.log([0.002, 0.03])))
+    kind, shape = rng.random(), clean.shape
+    if kind < 0.7:
+        noise = rng.normal(size=shape)
+    elif kind < 0.77:
+        noise = rng.laplace(scale=np.sqrt(0.5), size=shape)
+    elif kind < 0.84:
+        noise = rng.uniform(-np.sqrt(3), np.sqrt(3), size=shape)
+    elif kind < 0.91:
+        noise = rng.normal(size=shape) * rng.uniform(0.2, 1.5, 3)
+    else:  # a scanner: along the ray, in steps
+        ray = clean - 2 * rng.normal(size=3)
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        depth, step = rng.normal(size=(len(clean), 1)), rng.uniform(0.05, 1.5)
+        noise = np.round(depth / step) * step * ray + 0.1 * rng.normal(size=shape)
+    if rng.random() < DIRT:
+        wild = rng.random(len(clean)) < rng.uniform(0.005, 0.06)
+        noise[wild] *= rng.uniform(2, 6, (int(wild.sum()), 1))
+    return level * noise, float(level)
 
 
 def _spins(rng: Generator, count: int) -> NDArray[np.float64]:

@@ -23,6 +23,8 @@ from .outlook import Outlook, outlook
 from .settings import Settings
 from .storage import Storage
 
+USUAL_ITERATIONS = 2  # what iterations=auto is taken for until the worker has looked at the cloud
+
 
 class Jobs:
     """The queue and its table, from a process that runs no work itself.
@@ -75,6 +77,7 @@ class Jobs:
         Problem
             Where there is no room, see :meth:`Admission.check`; or by `also`.
         """
+        iterations = parameters["iterations"]
         values = {
             "id": job_id,
             "owner": owner,
@@ -83,7 +86,7 @@ class Jobs:
             "upload": upload,
             "warnings": warnings,
             "done": 0,
-            "total": upload["points"] * parameters["iterations"],
+            "total": upload["points"] * (USUAL_ITERATIONS if iterations == "auto" else iterations),
             "created_at": now_ms(),
             "open": False,
             "losses": 0,

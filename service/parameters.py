@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Literal
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, Literal
 
 from fastapi import Request
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
 
-from pcdnf import DEFAULT_ITERATIONS
+from pcdnf.choices import ChoiceError, check_iterations, check_radius
 
 from . import catalogue
 from .problems import Problem, from_validation
@@ -17,18 +19,52 @@ from .settings import Settings
 SEED_LIMIT = 2**32
 
 
+def _iterations(value: int | str) -> int | str:
+    with _as_value_error():
+        return check_iterations(value) or "auto"
+
+
+def _radius(value: str) -> str:
+    with _as_value_error():
+        check_radius(value)
+    return value
+
+
+@contextmanager
+def _as_value_error() -> Iterator[None]:
+    """Let pydantic report what the package says."""
+    try:
+        yield
+    except ChoiceError as error:
+        raise PydanticCustomError("choice", "{reason}", {"reason": str(error)}) from error
+
+
 class Parameters(BaseModel):
     """What a job is run with."""
 
     model_config = ConfigDict(extra="forbid")
 
-    iterations: int = Field(
-        DEFAULT_ITERATIONS, ge=1, description="Passes over the cloud; each starts from the result of the last"
+    iterations: Annotated[int | Literal["auto"], BeforeValidator(_iterations)] = Field(
+        "auto",
+        description="Passes over the cloud, each from the result of the last: `auto` by its noise, or a number",
+        examples=["auto", 2],
+    )
+    radius: Annotated[str, AfterValidator(_radius)] = Field(
+        "auto",
+        description="Size of the neighbourhoods: `auto` by noise and spacing, a length in the cloud's unit, or a share "
+        "of its diagonal such as `4%`",
+        examples=["auto", "4%", "0.05"],
     )
     model: str = Field("", description="Name of a model of `GET /models`; empty for the default")
     seed: int = Field(0, ge=0, lt=SEED_LIMIT, description="Seed of every random choice")
-    normals: Literal["pca", "input"] = Field(
-        "pca", description="Where the first normals come from: estimated, or those of the file"
+    normals: Literal["auto", "pca", "input"] = Field(
+        "auto",
+        description="Where the first normals come from: estimated at a scale that suits the noise, from 24 "
+        "neighbours, or those of the file. The file's normals, where it has any, decide the side in every case",
+    )
+    orient: bool = Field(False, description="Whether the result's normals are turned to one side of the surface")
+    outliers: Literal["keep", "drop"] = Field(
+        "keep", description="What to do about points far from all others: the result says which rows went"
     )
     nonfinite: Literal["reject", "drop"] = Field(
         "reject", description="What to do about points that are NaN or infinite"
@@ -55,13 +91,13 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
         parameters = Parameters.model_validate(values)
     except ValidationError as error:
         raise from_validation(_in_words(error)) from error
-    if parameters.iterations > settings.max_iterations:
+    iterations = parameters.iterations
+    if iterations != "auto" and iterations > settings.max_iterations:
         raise Problem(
             "invalid_parameters",
-            f"iterations: {parameters.iterations} passes were asked for, this service allows "
-            f"{settings.max_iterations}.",
+            f"iterations: {iterations} passes were asked for, this service allows {settings.max_iterations}.",
             limit=settings.max_iterations,
-            actual=parameters.iterations,
+            actual=iterations,
         )
     name = parameters.model or settings.default_model
     if name not in catalogue.shipped():

@@ -1,4 +1,4 @@
-"""The durable workflow of one job: plan, tiles, merge for every iteration, then the result's files.
+"""The durable workflow of one job: a survey; plan, tiles, merge for every iteration, then the result's files.
 
 Each step is checkpointed by the engine: it leaves a file in storage and returns plain JSON, so that after a crash the
 workflow runs again from the top, every finished step answers from its checkpoint, and work goes on at the first tile
@@ -22,6 +22,7 @@ from pcdnf.denoiser import Cloud, Stopped
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
+from pcdnf.orientation import orient_normals
 
 from .attempts import MAX_LOSSES
 from .engine import WORKFLOW
@@ -34,9 +35,11 @@ from .work import (
     Progress,
     load_arrays,
     merged_name,
+    planned,
     prepared,
     read_upload,
     result_name,
+    settled,
     store_arrays,
     tile_name,
 )
@@ -109,7 +112,7 @@ def _run(job: Job) -> str:
     if job.losses >= MAX_LOSSES:
         detail = f"The worker process died {job.losses} times at the same place of this job, which was then given up."
         raise Ended(problem_of("worker_lost", detail, "Send a smaller cloud; if that works, please report this one."))
-    for iteration in range(job.parameters["iterations"]):
+    for iteration in range(_checked(survey(job.id))["iterations"]):
         tiles = _checked(plan(job.id, iteration))["tiles"]
         for start, stop in tiles:
             shared.pause_if_stopping(job.id)
@@ -162,6 +165,18 @@ def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
             return {"problem": problem_of("out_of_memory", detail, "Send the cloud in parts.")}
 
     return DBOS.step(name=function.__name__, retries_allowed=True, max_attempts=3)(told)
+
+
+@_step
+def survey(runtime: Runtime, job: Job) -> Outcome:
+    """Measure noise and spacing, and choose what the caller left open."""
+    with runtime.at_work(job, Progress(runtime, job, 0).check):
+        denoiser = settled(runtime, job)
+        points = read_upload(runtime, job).points
+        chosen = denoiser.plan(points, iterations=job.parameters["iterations"], radius=job.parameters["radius"])
+    execution = runtime.models.execution(job.parameters["model"]) | {"plan": chosen.to_json()}
+    runtime.attempts.update(job.id, execution=execution, total=chosen.iterations * len(points))
+    return {"iterations": chosen.iterations}
 
 
 @_step
@@ -220,11 +235,15 @@ def finish(runtime: Runtime, job: Job) -> Outcome:
 
 def _finished(runtime: Runtime, job: Job) -> Outcome:
     parameters = job.parameters
-    merged = load_arrays(runtime, job.id, merged_name(parameters["iterations"] - 1))
+    plan = planned(job)
+    merged = load_arrays(runtime, job.id, merged_name(plan.iterations - 1))
     given = read_upload(runtime, job)
     denoiser = runtime.models.get(parameters["model"])
-    metadata = denoiser.metadata(seed=parameters["seed"], iterations=parameters["iterations"])
-    cloud = given.replaced(merged["points"], merged["normals"], metadata=metadata)
+    metadata = denoiser.metadata(seed=parameters["seed"], plan=plan)
+    normals = merged["normals"]
+    if parameters["orient"]:
+        normals = orient_normals(merged["points"], normals, like=given.normals)
+    cloud = given.replaced(merged["points"], normals, metadata=metadata)
     warnings = list(given.warnings)
     results = {}
     for name in dict.fromkeys((given.flavour.format, *STORED)):

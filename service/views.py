@@ -20,8 +20,16 @@ class ProgressView(BaseModel):
     """How far a job is."""
 
     done: int
-    total: int = Field(description="Points of the cloud times iterations")
+    total: int = Field(description="Points of the cloud times iterations; a guess until the job runs")
     unit: Literal["points"] = "points"
+
+
+class PlanView(BaseModel):
+    """What was chosen for a job, or found out; lengths in the unit of the file."""
+
+    noise: float = Field(description="Estimated standard deviation of the distance from the surface")
+    spacing: float = Field(description="Estimated side of the square of surface that a point stands for")
+    radii: list[float] = Field(description="Size of the neighbourhoods of each iteration")
 
 
 class ExecutionView(BaseModel):
@@ -34,6 +42,7 @@ class ExecutionView(BaseModel):
     cpu_fallback: bool = Field(description="Whether the CPU was taken because there is no GPU")
     precision: str
     version: str
+    plan: PlanView | None = None
 
 
 class JobView(BaseModel):

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdnf.cloud import Frame
-from pcdnf.denoiser import Cloud, Denoiser, Stopped, iteration_seed
+from pcdnf.denoiser import Cloud, Denoiser, Plan, Stopped, iteration_seed
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import TEXT_FORMATS
 from pcdnf.formats import Limits, PointCloud, read
+from pcdnf.outliers import drop_outliers
 
 from .job import Job
 from .runtime import Runtime
@@ -52,7 +53,7 @@ def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[A
 
 
 def read_upload(runtime: Runtime, job: Job) -> PointCloud:
-    """Read the caller's file, under the limits it was checked with.
+    """Read the caller's file, under the limits it was checked with, without outliers where they are to go.
 
     Raises
     ------
@@ -64,7 +65,8 @@ def read_upload(runtime: Runtime, job: Job) -> PointCloud:
         nonfinite=job.parameters["nonfinite"],
     )
     path = runtime.storage.local(job_file(job.id, UPLOAD))
-    return read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
+    cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
+    return drop_outliers(cloud) if job.parameters["outliers"] == "drop" else cloud
 
 
 class Progress:
@@ -125,18 +127,20 @@ def prepared(runtime: Runtime, job: Job, iteration: int) -> Prepared:
     progress = Progress(runtime, job, iteration * job.upload["points"])
     with runtime.at_work(job, progress.check):
         runtime.kept.pop(job.id, None)  # the cloud before may be large
-        _settle_execution(runtime, job)
-        denoiser = runtime.models.get(job.parameters["model"])
+        denoiser = settled(runtime, job)
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
-        normals = given.normals if job.parameters["normals"] == "input" else None
+        normals = given.normals
         if iteration:
             before = load_arrays(runtime, job.id, merged_name(iteration - 1))
             points, normals = before["points"], before["normals"]
         cloud = denoiser.prepare(
             points,
             normals,
+            plan=planned(job),
+            iteration=iteration,
             frame=Frame.of(given.points),
+            initial="input" if iteration else job.parameters["normals"],
             seed=iteration_seed(job.parameters["seed"], iteration),
             should_stop=progress.stop,
         )
@@ -145,14 +149,28 @@ def prepared(runtime: Runtime, job: Job, iteration: int) -> Prepared:
         return fresh
 
 
-def _settle_execution(runtime: Runtime, job: Job) -> None:
-    """Record on what the job runs; the weights may not change under it."""
+def settled(runtime: Runtime, job: Job) -> Denoiser:
+    """Return the job's model, having recorded on what the job runs; the weights may not change under it.
+
+    Raises
+    ------
+    PcdnfError
+        If the weights are not those the job began with.
+    """
     execution = runtime.models.execution(job.parameters["model"])
-    if job.execution is not None and job.execution["weights_sha256"] != execution["weights_sha256"]:
+    known = job.execution or {}
+    if known and known["weights_sha256"] != execution["weights_sha256"]:
         raise PcdnfError(
             "The service was updated to other weights while this job was under way.",
             code="model_changed",
             hint="Submit the file again.",
         )
-    if job.execution != execution:
-        runtime.attempts.update(job.id, execution=execution)
+    if known != known | execution:
+        runtime.attempts.update(job.id, execution=known | execution)
+    return runtime.models.get(job.parameters["model"])
+
+
+def planned(job: Job) -> Plan:
+    """Return the plan that the first step of the job left with it."""
+    assert job.execution is not None
+    return Plan.from_json(job.execution["plan"])

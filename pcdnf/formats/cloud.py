@@ -74,7 +74,7 @@ class PointCloud:
     warnings : list of str
         Sentences on what was skipped or converted while reading.
     dropped : (D,) int64 array
-        Rows of the file that ``nonfinite="drop"`` left out.
+        Rows of the file that were left out: NaN or infinity, or outliers.
     """
 
     points: Array
@@ -100,6 +100,28 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def without(self, rows: Array, why: str) -> PointCloud:
+        """The cloud without some rows, which ``dropped`` and a warning name by their numbers in the file.
+
+        Parameters
+        ----------
+        rows : (D,) int array
+            Of this cloud, ascending.
+        why : str
+            What the warning says of them, such as "Outliers".
+        """
+        keep = np.ones(len(self), bool)
+        keep[rows] = False
+        in_file = np.setdiff1d(np.arange(len(self) + len(self.dropped)), self.dropped)[rows]
+        return replace(
+            self,
+            points=self.points[keep],
+            normals=None if self.normals is None else self.normals[keep],
+            attributes={name: column[keep] for name, column in self.attributes.items()},
+            dropped=np.union1d(self.dropped, in_file),
+            warnings=[*self.warnings, f"{why} were left out: {row_ranges(in_file)}."],
+        )
 
     def replaced(
         self, points: ArrayLike, normals: ArrayLike | None, *, metadata: Mapping[str, str] | None = None
@@ -198,14 +220,7 @@ def _without_nonfinite(cloud: PointCloud, finite: Array, limits: Limits) -> Poin
             actual=len(bad),
         )
     check_enough(int(finite.sum()), limits)
-    return replace(
-        cloud,
-        points=cloud.points[finite],
-        normals=None if cloud.normals is None else cloud.normals[finite],
-        attributes={name: column[finite] for name, column in cloud.attributes.items()},
-        dropped=bad,
-        warnings=[*cloud.warnings, f"Rows with NaN or infinity were left out: {row_ranges(bad)}."],
-    )
+    return cloud.without(bad, "Rows with NaN or infinity")
 
 
 def check_extent(points: Array) -> None:

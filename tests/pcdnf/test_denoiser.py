@@ -82,8 +82,11 @@ def test_denoise_is_prepare_and_tiles(lite: Denoiser) -> None:
     noisy, _, _ = box(2500, 0.01)
     result = lite.denoise(noisy, iterations=2, seed=5)
     points, normals, frame = noisy, None, Frame.of(noisy)
+    plan = lite.plan(noisy, iterations=2)
     for iteration in range(2):
-        cloud = lite.prepare(points, normals, frame=frame, seed=iteration_seed(5, iteration))
+        cloud = lite.prepare(
+            points, normals, plan=plan, iteration=iteration, frame=frame, seed=iteration_seed(5, iteration)
+        )
         points, normals = np.empty_like(points), np.empty(points.shape, np.float32)
         for start, stop in cloud.tiles(1000):
             tile = lite.denoise_tile(cloud, start, stop)

@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ import torch
 from pcdnf import Denoiser
 from pcdnf.lite import LiteConfig, PCDNFLite
 from pcdnf.models import DEFAULTS
+from pcdnf.patches import Recipe
 from pcdnf.training import Options, Trainer, first_pass, learning_rate, total_loss, validate
-from pcdnf.training_data import Batch, TrainingCloud, sample_batch
+from pcdnf.training_data import Batch, TrainingCloud, _kept, _noise, sample_batch
 
 RECIPE = DEFAULTS["lite"].recipe
 
@@ -27,7 +29,7 @@ def batch(clouds: list[TrainingCloud]) -> Batch:
 
 
 def test_a_batch_is_patches_with_their_clean_surface(batch: Batch) -> None:
-    assert batch.points.shape == batch.normals.shape == batch.clean_points.shape == (64, 128, 3)
+    assert batch.points.shape == batch.normals.shape == batch.clean_points.shape == (64, 256, 3)
     assert torch.equal(batch.points[:, 0], torch.zeros(64, 3))
     assert batch.points.norm(dim=-1).max() <= 1 + 1e-5
     assert batch.normals[..., 2].min() >= 0
@@ -38,23 +40,31 @@ def test_a_batch_is_patches_with_their_clean_surface(batch: Batch) -> None:
 
 
 def test_a_first_pass_is_cut_from_the_middle_of_a_crop() -> None:
-    seen = []
+    seen: list[tuple[int, float]] = []
 
-    def move(points: np.ndarray, normals: np.ndarray, _: int) -> tuple[np.ndarray, np.ndarray]:
-        seen.append(len(points))
-        return points, normals
+    def move(
+        points: np.ndarray, normals: np.ndarray, recipe: Recipe, rows: np.ndarray, _: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        seen.append((len(points), recipe.radius))
+        assert 0 < len(rows) < len(points)
+        return points[rows] + 1e-3, normals[rows]
 
     cloud = TrainingCloud(np.random.default_rng(7), RECIPE, move)
-    assert seen == [len(cloud.noisy)]
-    assert 0 < len(cloud.centres) < len(cloud.noisy)
-    assert np.linalg.norm(np.ptp(cloud.noisy[cloud.centres], axis=0)) < 4 * RECIPE.radius * np.sqrt(3)
+    (crop, radius), *others = seen
+    assert not others
+    assert 0 < len(cloud.centres) < len(cloud.noisy) < crop
+    later = cloud.batch(np.random.default_rng(0), 8, 0.0)[0]
+    assert np.abs(later).max() <= 1  # patches are of the second radius, which is drawn anew
+    assert np.linalg.norm(np.ptp(cloud.noisy[cloud.centres], axis=0)) < 20 * radius
 
 
 def test_first_pass_of_a_denoiser_is_its_first_iteration(clouds: list[TrainingCloud]) -> None:
     denoiser = Denoiser.load("pcdnf-lite", device="cpu")
     points = clouds[0].noisy[:600]
-    moved, normals = first_pass(denoiser)(points, np.tile(np.float32([0, 0, 1]), (600, 1)), 3)
-    assert moved.shape == (600, 3)
+    recipe, rows = replace(RECIPE, radius=0.1, adaptive=0.0), np.arange(0, 600, 3)
+    moved, normals = first_pass(denoiser)(points, np.tile(np.float32([0, 0, 1]), (600, 1)), recipe, rows, 3)
+    assert moved.shape == (200, 3)
+    assert 0 < np.abs(moved - points[rows]).max() <= 0.1
     assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
 
 
@@ -115,7 +125,32 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
 
 
 def test_validation_is_of_the_network_as_it_is(batch: Batch) -> None:
-    trained = Denoiser.load("pcdnf-lite", device="cpu")._network
+    trained = Denoiser.load("pcdnf-lite", device="cpu").inference._network
     scores, fresh = validate(trained, [batch]), validate(PCDNFLite(), [batch])
     assert scores["point"] < fresh["point"]
     assert scores["angle"] < fresh["angle"]
+
+
+def test_batches_of_the_light_network_vary_in_neighbours(batch: Batch, tmp_path: Path) -> None:
+    trainer = Trainer(Options(kind="lite", folder=tmp_path, minutes=0.1))
+    counts = {trainer._narrowed(batch).points.shape[1] for _ in range(40)}
+    assert counts <= {96, 128, 160, 192, 224, 256}
+    assert len(counts) > 3
+    narrowed = trainer._narrowed(batch)
+    assert torch.equal(narrowed.points[:, 0], batch.points[:, 0])
+    own = (narrowed.points[:, :, None] - batch.points[:, None]).abs().sum(-1).min(2).values
+    assert own.max() == 0
+
+
+def test_noise_and_holes_are_of_many_kinds() -> None:
+    clean = np.random.default_rng(0).uniform(-0.5, 0.5, (20_000, 3))
+    levels, tails, sizes = [], [], []
+    for seed in range(60):
+        noise, level = _noise(np.random.default_rng(seed), clean)
+        levels.append(level)
+        tails.append(float(np.abs(noise).max() / level))
+        sizes.append(len(_kept(np.random.default_rng(seed), clean)))
+    assert 0 <= min(levels) < 0.002
+    assert 0.02 < max(levels) <= 0.03
+    assert min(tails) < 3 < 10 < max(tails)  # uniform noise, and outliers
+    assert min(sizes) < 0.9 * max(sizes) == 0.9 * len(clean)

@@ -1,0 +1,141 @@
+"""A network at work on one device: batches of patches in, denoised points and normals out.
+
+Every batch has the same shape (the last one is filled up), so a point's result does not depend on who is in the batch
+with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from .cloud import TileResult
+from .folded import fold
+from .frames import to_world
+from .lite import LiteOutput
+from .memory import keep_freed_memory
+from .network import PCDNF, NetworkOutput
+from .normals import unit_towards
+from .patches import Patches, PatchSource
+
+BATCH = {"pcdnf": 32, "lite": 256}
+"""Patches a batch on the CPU: temporaries stay in cache."""
+CUDA_BATCH = {"pcdnf": 256, "lite": 8192}
+FEWEST_NEIGHBOURS = 6
+"""A point with fewer neighbours inside the patch is returned as it came, flagged: a quadric has six terms."""
+LONGEST_STEP = 1.0
+"""Displacements end at the patch's border, in patch radii."""
+
+ShouldStop = Callable[[], bool]
+
+
+class Stopped(Exception):
+    """The caller's ``should_stop`` said so."""
+
+
+class Inference:
+    """One network on one device.
+
+    Parameters
+    ----------
+    network : nn.Module
+        ``PCDNF`` or ``PCDNFLite``; switched to inference.
+    device, precision : str
+        "cpu" or "cuda:N"; "float32" or "bfloat16".
+    """
+
+    def __init__(self, network: nn.Module, *, device: str = "cpu", precision: str = "float32") -> None:
+        self.device, self.precision = device, precision
+        self.kind = "pcdnf" if isinstance(network, PCDNF) else "lite"
+        self.batch = (BATCH if device == "cpu" else CUDA_BATCH)[self.kind]
+        dtype = torch.bfloat16 if precision == "bfloat16" else torch.float32
+        if device == "cpu":
+            keep_freed_memory()
+        network.eval()
+        self._network = fold(network.to(device), dtype) if isinstance(network, PCDNF) else network.to(device)
+        self._autocast = self.kind == "lite" and dtype is torch.bfloat16
+
+    @torch.inference_mode()
+    def network(self, points: Tensor, normals: Tensor) -> NetworkOutput | LiteOutput:
+        """Run the network on patches in their frames.
+
+        Parameters
+        ----------
+        points, normals : Tensor, (B, M, 3) float32
+            In patch radii, the centre first and at the origin; see :mod:`pcdnf.patches`.
+
+        Returns
+        -------
+        object
+            ``displacement`` (B, 3), ``normal`` (B, 3), ``weight`` (B, M), ``selected`` (B, K).
+        """
+        with torch.autocast(torch.device(self.device).type, torch.bfloat16, enabled=self._autocast):
+            output: NetworkOutput | LiteOutput = self._network(points.to(self.device), normals.to(self.device))
+        return output
+
+    def denoise(
+        self,
+        points: NDArray[np.float64],
+        raw: NDArray[np.float32],
+        source: PatchSource,
+        centres: NDArray[np.int64],
+        *,
+        unit: float = 1.0,
+        progress: Callable[[int], None] | None = None,
+        should_stop: ShouldStop | None = None,
+    ) -> TileResult:
+        """Denoise some points of a cloud.
+
+        Parameters
+        ----------
+        points : ndarray, (N, 3) float64
+            The cloud, in its own unit.
+        raw : ndarray, (N, 3) float32
+            Its raw normals.
+        source : PatchSource
+            Of the cloud.
+        centres : ndarray, (n,) int64
+            Rows to denoise.
+        unit : float
+            The source's unit in that of ``points``.
+        progress, should_stop : callable, optional
+            See :meth:`pcdnf.denoiser.Denoiser.denoise_tile`.
+
+        Raises
+        ------
+        Stopped
+        """
+        moves = np.empty((len(centres), 3))
+        normals = np.empty((len(centres), 3), np.float32)
+        flagged = np.empty(len(centres), bool)
+        for low, patches in self._batches(source, centres):
+            if should_stop is not None and should_stop():
+                raise Stopped
+            high = min(low + self.batch, len(centres))
+            index = patches.index[: high - low]
+            output = self.network(torch.from_numpy(patches.points), torch.from_numpy(patches.normals))
+            move, normal = (
+                to_world(local.float().cpu().numpy(), patches.frames)[: high - low]
+                for local in (output.displacement, output.normal)
+            )
+            before = raw[index[:, 0]]
+            lost = ((index >= 0).sum(1) <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
+            length = np.linalg.norm(move, axis=1, keepdims=True)
+            move *= np.minimum(1.0, LONGEST_STEP / np.maximum(length, LONGEST_STEP))
+            moves[low:high] = np.where(lost[:, None], 0.0, move) * (source.radius * unit)
+            normals[low:high] = unit_towards(np.where(lost[:, None], before, normal), before)
+            flagged[low:high] = lost
+            if progress is not None:
+                progress(high)
+        return TileResult(points[centres] + moves, normals, flagged)
+
+    def _batches(self, source: PatchSource, centres: NDArray[np.int64]) -> Iterator[tuple[int, Patches]]:
+        """Batches of one shape; the last is filled up with its own first centre."""
+        for low in range(0, len(centres), self.batch):
+            chosen = centres[low : low + self.batch]
+            filled = np.concatenate([chosen, np.full(self.batch - len(chosen), chosen[0])])
+            yield low, source.take(filled)

@@ -1,0 +1,101 @@
+"""What a run will do: how many iterations, with which patch radius. Chosen from noise and spacing, or by the caller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .choices import check_iterations, check_radius
+from .cloud import Frame
+from .patches import Recipe
+from .scale import Scale, estimate_scale
+
+CLEAN, HEAVY = 0.3, 6.0
+"""Noise in spacings below which one iteration is enough, and above which a third one gains."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Of one run on one cloud.
+
+    Attributes
+    ----------
+    scale : Scale
+        Estimated noise and spacing, in the cloud's unit.
+    radii : tuple of float
+        Patch radius of each iteration, in the cloud's unit.
+    """
+
+    scale: Scale
+    radii: tuple[float, ...]
+
+    @property
+    def iterations(self) -> int:
+        """How many there are."""
+        return len(self.radii)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values that lose nothing."""
+        return {"noise": self.scale.noise, "spacing": self.scale.spacing, "radii": list(self.radii)}
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Plan:
+        """The inverse of :meth:`to_json`."""
+        return cls(Scale(values["noise"], values["spacing"]), tuple(values["radii"]))
+
+    def metadata(self) -> dict[str, str]:
+        """For the result's file: noise, spacing and radii in the cloud's unit, iterations."""
+        return {
+            "iterations": str(self.iterations),
+            "radius": ", ".join(f"{radius:.6g}" for radius in self.radii),
+            "estimated_noise": f"{self.scale.noise:.4g}",
+            "estimated_spacing": f"{self.scale.spacing:.4g}",
+        }
+
+
+def make_plan(
+    points: NDArray[np.float64],
+    recipe: Recipe,
+    *,
+    frame: Frame,
+    iterations: int | str = "auto",
+    radius: float | str = "auto",
+) -> Plan:
+    """Plan a run.
+
+    Parameters
+    ----------
+    points : ndarray, (N, 3) float64
+        World coordinates.
+    recipe : Recipe
+        Of the network's patches.
+    frame : Frame
+        Of the points.
+    iterations : int or "auto"
+        "auto" takes one for a nearly clean cloud, two as a rule, three where the noise is many spacings deep.
+    radius : float, str or "auto"
+        A length in the cloud's unit, a share of its diagonal such as "4%", or "auto": by noise and spacing.
+
+    Raises
+    ------
+    ChoiceError
+        See :mod:`pcdnf.choices`.
+    """
+    count, length = check_iterations(iterations), check_radius(radius)
+    local = frame.to_local(points)
+    scale = estimate_scale(local, cKDTree(local)).rounded()
+    if count is None:
+        ratio = scale.noise / scale.spacing
+        count = 1 if ratio < CLEAN else 2 if ratio < HEAVY else 3
+    if length is None:
+        first = recipe.adaptive_radius(scale) if recipe.adaptive else recipe.radius
+        radii = (first, *[first * recipe.later] * (count - 1))
+    else:
+        value, relative = length
+        radii = (value if relative else value / frame.diagonal,) * count
+    unit = frame.diagonal
+    return Plan(scale.scaled(unit), tuple(value * unit for value in radii))
