@@ -89,10 +89,11 @@ def make_plan(
     local = frame.to_local(points)
     scale = estimate_scale(local, cKDTree(local)).rounded()
     if count is None:
-        ratio = scale.noise / scale.spacing
+        ratio = scale.noise / max(scale.spacing, 1e-12)
         count = 1 if ratio < CLEAN else 2 if ratio < HEAVY else 3
     if length is None:
         first = recipe.adaptive_radius(scale) if recipe.adaptive else recipe.radius
+        first = first or recipe.radius  # where most points are copies of one another
         radii = (first, *[first * recipe.later] * (count - 1))
     else:
         value, relative = length

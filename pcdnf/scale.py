@@ -84,8 +84,8 @@ def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
         radius = distance[:, -1]
         keep = np.unique(np.linspace(0, size - 1, min(size, FITTED)).astype(np.int64))
         scatter = _scatter(points, np.asarray(index, np.int64)[:, keep]) if size > 6 else radius
-        done = (scatter < FLAT * radius) | last
-        noise[left[done]] = (_untruncated(scatter / radius) * radius)[done]
+        done = ((scatter < FLAT * radius) & (radius > 0)) | last
+        noise[left[done]] = (_untruncated(scatter / np.maximum(radius, 1e-300)) * radius)[done]
         spacing[left[done]] = radius[done] * np.sqrt(np.pi / size)
         left = left[~done]
         if last or not len(left):

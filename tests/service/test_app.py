@@ -17,9 +17,9 @@ import pytest
 from service_process import Service, sphere, write_sphere
 
 import pcdnf
-from pcdnf import DEFAULT_ITERATIONS
 from pcdnf.denoiser import Denoiser
 from pcdnf.formats import NpzFlavour, PlyFlavour, PointCloud, read, write
+from service.jobs import USUAL_ITERATIONS
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_accepted(running: Service, small: Path) -> None:
     assert response.headers["location"] == f"/jobs/{job['id']}"
     assert 1 <= int(response.headers["retry-after"]) <= 30
     assert len(job["id"]) == 32
-    assert job["progress"] == {"done": 0, "total": 2000 * DEFAULT_ITERATIONS, "unit": "points"}
+    assert job["progress"] == {"done": 0, "total": 2000 * USUAL_ITERATIONS, "unit": "points"}
     assert job["status"] == "queued"
     assert job["queue_position"] >= 1
     running.wait_status(job["id"], "succeeded")

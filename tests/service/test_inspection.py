@@ -9,10 +9,10 @@ import pytest
 from conftest import MakeApi
 from service_process import sphere
 
-from pcdnf import DEFAULT_ITERATIONS
 from pcdnf.denoiser import Denoiser
 from pcdnf.formats import CODES
 from service.inspection import MINIMUM_POINTS, file_problem
+from service.jobs import USUAL_ITERATIONS
 
 
 def _npz(**arrays: object) -> bytes:
@@ -103,7 +103,7 @@ def test_every_code_of_the_reader_has_a_client_error() -> None:
 def test_dropping_bad_rows(api: httpx.Client) -> None:
     job = api.post("/denoise?nonfinite=drop", files={"file": _ply(100, HOLED)}).json()
     assert job["upload"]["points"] == 99
-    assert job["progress"]["total"] == 99 * DEFAULT_ITERATIONS
+    assert job["progress"]["total"] == 99 * USUAL_ITERATIONS
     assert "7 (1 row)" in job["warnings"][0]
 
 

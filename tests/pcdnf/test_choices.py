@@ -1,0 +1,29 @@
+import pytest
+
+from pcdnf.choices import ChoiceError, check_iterations, check_radius
+
+
+@pytest.mark.parametrize(("value", "meant"), [("auto", None), ("3", 3), (2, 2)])
+def test_iterations(value: int | str, meant: int | None) -> None:
+    assert check_iterations(value) == meant
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "1.5", "many", "", 0, -3])
+def test_iterations_that_cannot_be(value: int | str) -> None:
+    with pytest.raises(ChoiceError, match="auto or a whole number") as caught:
+        check_iterations(value)
+    assert caught.value.code == "invalid_iterations"
+
+
+@pytest.mark.parametrize(
+    ("value", "meant"), [("auto", None), ("4%", (0.04, True)), ("0.25", (0.25, False)), (12, (12.0, False))]
+)
+def test_radius(value: float | str, meant: tuple[float, bool] | None) -> None:
+    assert check_radius(value) == meant
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "101%", "0%", "4 cm", "", "%"])
+def test_radius_that_cannot_be(value: str) -> None:
+    with pytest.raises(ChoiceError, match="a share of its diagonal") as caught:
+        check_radius(value)
+    assert caught.value.code == "invalid_radius"
