@@ -24,7 +24,7 @@ def check_iterations(value: int | str) -> int | None:
     number = int(value) if isinstance(value, int) or value.isdecimal() else 0
     if number < 1:
         raise ChoiceError(
-            f"Iterations are given as auto or a whole number from 1 on, not {value!r}.",
+            f"Iterations are given as auto or a whole number from 1 on, not {str(value)[:40]!r}.",
             code="invalid_iterations",
             hint="Leave it out to have it chosen.",
         )

@@ -116,7 +116,7 @@ def _denoise(options: argparse.Namespace) -> int:
         rate = len(cloud) * int(facts["iterations"]) / seconds
         how = f"{denoiser.device}, {denoiser.precision}, {facts['model']}"
         print(f"{len(cloud):,} points in {seconds:.1f} s ({rate:,.0f} points/s; {how}): {options.output}")
-        print(f"noise about {facts['estimated_noise']}; {facts['iterations']} iterations, radius {facts['radius']}")
+        print(f"noise about {facts['estimated_noise']}; iterations: {facts['iterations']}, radius: {facts['radius']}")
     return 0
 
 

@@ -160,7 +160,7 @@ def _from_framework(request: Request, error: HTTPException) -> Problem:
 
 def from_validation(errors: list[Any]) -> Problem:
     """Return the problem for pydantic's list of errors, naming each parameter."""
-    faults = [{"parameter": ".".join(map(str, e["loc"])), "reason": str(e["msg"])} for e in errors]
+    faults = [{"parameter": ".".join(map(str, e["loc"])), "reason": str(e["msg"]).removesuffix(".")} for e in errors]
     detail = " ".join(f"{fault['parameter']}: {fault['reason']}." for fault in faults)
     return Problem("invalid_parameters", detail, hint="See /docs for the parameters.", errors=faults)
 

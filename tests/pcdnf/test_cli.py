@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -276,7 +277,9 @@ def test_as_a_user_runs_it(noisy: Path, tmp_path: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.endswith(f": {tmp_path / 'out.npz'}\n")
+    first, second = done.stdout.splitlines()
+    assert first.endswith(f": {tmp_path / 'out.npz'}")
+    assert re.fullmatch(r"noise about 0\.0\d+; iterations: 1, radius: 0\.\d+", second)
     with np.load(tmp_path / "out.npz", allow_pickle=False) as arrays:
         assert {f"pcdnf_{key}" for key in KEYS} <= set(arrays)
         assert arrays["points"].dtype == np.float64

@@ -64,7 +64,8 @@ def test_form_with_parameters_on_both_sides_of_the_file(api: httpx.Client, small
     response = api.post("/denoise?model=pcdnf-lite", content=body, headers=FORM)
     assert response.status_code == 202
     assert response.json()["parameters"] == {
-        "iterations": 2, "model": "pcdnf-lite", "seed": 7, "normals": "pca", "nonfinite": "reject",
+        "iterations": 2, "radius": "auto", "model": "pcdnf-lite", "seed": 7, "normals": "auto", "orient": False,
+        "outliers": "keep", "nonfinite": "reject",
     }  # fmt: skip
     assert response.json()["upload"]["name"] == "a"
 
@@ -127,13 +128,17 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
     ("query", "words"),
     [
         ("iteration=2", "iteration: there is no such parameter."),
-        ("iterations=0", "greater than or equal to 1"),
-        ("iterations=x", "valid integer"),
+        ("iterations=0", "iterations: Iterations are given as auto or a whole number from 1 on, not '0'."),
+        ("iterations=x", "not 'x'"),
+        ("radius=-1", "radius: A radius is given as auto, a length in the cloud's unit, or a share"),
+        ("radius=200%25", "not '200%'"),
+        ("orient=maybe", "orient"),
+        ("outliers=some", "'keep' or 'drop'"),
         ("iterations=5", "allows 4"),
         ("seed=-1", "greater than or equal to 0"),
         ("seed=4294967296", "less than"),
         ("model=../x", "model: there is no such model."),
-        ("normals=none", "'pca' or 'input'"),
+        ("normals=none", "'auto', 'pca' or 'input'"),
         ("nonfinite=keep", "'reject' or 'drop'"),
         ("seed=1&seed=2", "given more than once"),
     ],
