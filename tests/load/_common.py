@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -27,6 +28,7 @@ def service_in(**settings: Any) -> Iterator[Service]:
     """Run a service with its worker in a folder of its own, which goes with it."""
     folder = Path(tempfile.mkdtemp(prefix="pcdnf-load-"))
     service = Service(folder / "service", **DEFAULTS | settings)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # or the service would be left behind
     try:
         yield service.start()
         fail_unless(service.stop() == 0, f"the service did not stop well:\n{service.output()[-2000:]}")
