@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import hashlib
 import os
 import re
-import time
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,13 +18,13 @@ from starlette.requests import ClientDisconnect
 
 from pcdnf.file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, available, titles
 
+from .pace import chunks
 from .problems import Problem
 from .settings import MIB, Settings
 
 OTHER_TYPES = ("application/octet-stream",)  # beside the formats' own
 RAW_TYPES = tuple(dict.fromkeys([*(FORMATS[name].media_type for name in available()), *OTHER_TYPES]))
 TEXT_TYPES = tuple(FORMATS[name].media_type for name in TEXT_FORMATS)
-RATE_GRACE_SECONDS = 10.0
 WRITE_BYTES = MIB  # written to disk at a time, off the event loop
 MULTIPART_OVERHEAD = 64 * 1024  # what headers, boundaries and fields may add to the file
 MAX_FIELDS = 16
@@ -159,7 +157,7 @@ class _Sink:
 
 
 async def _raw(request: Request, sink: _Sink, path: Path) -> Upload:
-    async for chunk in _body(request, sink.settings):
+    async for chunk in chunks(request, sink.settings):
         sink.add(chunk)
         await sink.flush()
     await sink.flush(everything=True)
@@ -183,7 +181,7 @@ async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path)
                 "on_end": form.finish,
             },
         )
-        async for chunk in _body(request, sink.settings):
+        async for chunk in chunks(request, sink.settings):
             received += len(chunk)
             if received - sink.size > MULTIPART_OVERHEAD + len(chunk):
                 raise Problem("invalid_upload", "The form has too much beside the file.", limit=MULTIPART_OVERHEAD)
@@ -259,33 +257,6 @@ class _Form:
 
     def finish(self) -> None:
         self.complete = True
-
-
-async def _body(request: Request, settings: Settings) -> AsyncIterator[bytes]:
-    """Yield the body's chunks while they come fast enough."""
-    start = time.monotonic()
-    received = 0
-    chunks = request.stream()
-    while True:
-        elapsed = time.monotonic() - start
-        allowed = settings.upload_deadline - elapsed
-        if settings.upload_min_rate:
-            allowed = min(allowed, RATE_GRACE_SECONDS + received / settings.upload_min_rate - elapsed)
-        try:
-            async with asyncio.timeout(max(allowed, 0)):
-                chunk = await anext(chunks)
-        except StopAsyncIteration:
-            return
-        except TimeoutError as error:
-            raise Problem(
-                "upload_too_slow",
-                f"The upload did not arrive within {settings.upload_deadline:g} seconds, or came slower than "
-                f"{settings.upload_min_rate} bytes per second.",
-                hint="Send it again over a faster connection.",
-                headers={"Connection": "close"},
-            ) from error
-        received += len(chunk)
-        yield chunk
 
 
 def _too_large(settings: Settings, actual: int) -> Problem:

@@ -200,7 +200,7 @@ def test_deadline(make_served: Callable[..., Served], tmp_path: Path) -> None:
 
 
 def test_minimum_rate(make_served: Callable[..., Served], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.uploads.RATE_GRACE_SECONDS", 0.5)
+    monkeypatch.setattr("service.pace.RATE_GRACE_SECONDS", 0.5)
     served = make_served(upload_min_rate=1000)
     status, body, seconds = _raw(
         served, "Content-Type: application/ply\r\nContent-Length: 10000", (b"x" * 500, 0.2), (b"x" * 100, 0.0)
