@@ -1,6 +1,6 @@
 """What the method makes of clouds that are not like the paper's: pictures before and after, and a table.
 
-    python benchmarks/robustness.py FOLDER [SCAN.ply ...] [--model M] [--iterations 2] [--points 60000]
+    python benchmarks/robustness.py FOLDER [SCAN.ply ...] [--model M] [--iterations auto] [--points 60000]
 
 On a shape by formula (a block: edges, corners, planes) with known surface: 1 to 4 % of Gaussian noise, outliers in the
 box, density that falls by 16 along the shape, holes, scan lines, and all of it together. Real scans have no clean form:
@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("scans", type=Path, nargs="*")
     parser.add_argument("--model", default=DEFAULT_MODEL)
-    parser.add_argument("--iterations", type=passes, default=2, help="a number, or auto")
+    parser.add_argument("--iterations", type=passes, default="auto", help="a number, or auto")
     parser.add_argument("--points", type=int, default=60_000, help="of the made clouds, before thinning")
     parser.add_argument("--most", type=int, default=250_000, help="points of a scan")
     arguments = parser.parse_args()

@@ -1,6 +1,6 @@
 """What denoising is good for: surface reconstruction, registration and plane fitting, before and after.
 
-    python examples/applications.py [--points 30000] [--noise 1] [--model M] [--iterations 2] [--output FOLDER]
+    python examples/applications.py [--points 30000] [--noise 1] [--model M] [--iterations auto] [--output FOLDER]
 
 The three applications of the paper's last section, with Open3D, on scans of a made bracket whose surface is known:
 screened Poisson reconstruction (mean distance between mesh and surface, both ways, x 1e3 of the diagonal, and angle of
@@ -284,7 +284,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=30_000)
     parser.add_argument("--noise", type=float, default=1.0, help="per cent of the diagonal")
     parser.add_argument("--model", default=DEFAULT_MODEL)
-    parser.add_argument("--iterations", type=passes, default=2, help="a number, or auto")
+    parser.add_argument("--iterations", type=passes, default="auto", help="a number, or auto")
     parser.add_argument("--output", type=Path, default=Path("runs/applications"))
     arguments = parser.parse_args()
     denoiser = Denoiser.load(arguments.model)
