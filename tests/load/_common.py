@@ -20,6 +20,7 @@ from service_process import Service, write_sphere
 
 __all__ = ["Service", "fail_unless", "finished", "patiently", "service_in", "write_sphere"]
 
+READY_SECONDS = 600.0
 DEFAULTS = {"tile_points": 16_384, "poll_seconds": 0.5, "heartbeat_seconds": 5}  # not those of the quick tests
 
 
@@ -30,7 +31,12 @@ def service_in(**settings: Any) -> Iterator[Service]:
     service = Service(folder / "service", **DEFAULTS | settings)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # or the service would be left behind
     try:
-        yield service.start()
+        service.start(ready=False)
+        deadline = time.monotonic() + READY_SECONDS
+        while service.client.get("/readyz").status_code != 200:
+            fail_unless(time.monotonic() < deadline, f"the service did not become ready:\n{service.output()[-2000:]}")
+            time.sleep(0.5)
+        yield service
         fail_unless(service.stop() == 0, f"the service did not stop well:\n{service.output()[-2000:]}")
     finally:
         service.stop()
