@@ -13,6 +13,12 @@ FLAT = 0.5
 """A cloud whose height is under this part of its largest side lies on the ground: z is up."""
 TALL = 1.2
 """One that is this much higher than wide stands upright: z is up. Otherwise y is, as in most meshes."""
+VIEWS = {
+    "front": (0, 0, 1), "back": (0, 0, -1), "right": (1, 0, 0), "left": (-1, 0, 0), "top": (0, 1, 0),
+    "bottom": (0, -1, 0), "corner": (0.8, 0.7, 1),
+}  # fmt: skip
+"""Where the eye is: parts of right, up and front."""
+UPS = ("x", "y", "z", "-x", "-y", "-z")
 _AZIMUTHS = np.radians(np.arange(15, 360, 30))
 _ELEVATION = np.radians(24)
 _SIDESTEP = np.radians(12)
@@ -89,22 +95,37 @@ def looking(direction: Floats, up: Floats, points: Floats) -> Camera:
     return Camera(axes, (low + high) / 2, 2.6 * float(np.linalg.norm(high - low)) or 1.0)
 
 
-def automatic(points: Floats, normals: Floats) -> Camera:
+def named(view: str, up: str, points: Floats) -> Camera:
+    """One of :data:`VIEWS`, with an axis of :data:`UPS` upright. From the front, x (y where x is up) runs right."""
+    axis = "xyz".index(up[-1])
+    upright = np.eye(3)[axis] * (-1 if up.startswith("-") else 1)
+    right = np.eye(3)[1 if axis == 0 else 0]
+    front = np.cross(right, upright)
+    right_, up_, front_ = VIEWS[view]
+    direction = right_ * right + up_ * upright + front_ * front
+    top = -np.sign(up_) * front if right_ == front_ == 0 else upright
+    return looking(direction, top, points)
+
+
+def automatic(points: Floats, normals: Floats, up: str | None = None) -> Camera:
     """A camera from which a cloud shows its shape.
 
     A scan whose sensor, at the origin, lies outside its box is seen from near the sensor; anything else
-    from 24 degrees above, from the side on which most differently turned surfaces are seen.
+    from 24 degrees above, from the side on which most differently turned surfaces are seen. Of ``up``, one of
+    :data:`UPS`, nothing is guessed.
     """
     low, high = np.percentile(points, [1, 99], axis=0)
     sides, middle = high - low, (low + high) / 2
-    if bool(((low > 0) | (high < 0)).any()) and np.linalg.norm(middle) < 4 * np.linalg.norm(sides):
+    if up is None and bool(((low > 0) | (high < 0)).any()) and np.linalg.norm(middle) < 4 * np.linalg.norm(sides):
         optical = abs(middle[2]) > 0.7 * np.linalg.norm(middle)
-        up = np.array([0.0, -1, 0]) if optical else np.array([0.0, 0, 1])
-        return looking(_turned(-middle, up, _SIDESTEP) + 0.25 * np.linalg.norm(middle) * up, up, points)
-    upright = 2 if sides[2] < FLAT * sides.max() or sides[2] > TALL * max(sides[:2]) else 1
-    up = np.eye(3)[upright]
-    ahead = np.eye(3)[(upright + 1) % 3] * np.cos(_ELEVATION) + up * np.sin(_ELEVATION)
-    views = [looking(_turned(ahead, up, azimuth), up, points) for azimuth in _AZIMUTHS]
+        upright = np.array([0.0, -1, 0]) if optical else np.array([0.0, 0, 1])
+        aside = _turned(-middle, upright, _SIDESTEP) + 0.25 * np.linalg.norm(middle) * upright
+        return looking(aside, upright, points)
+    guessed = "z" if sides[2] < FLAT * sides.max() or sides[2] > TALL * max(sides[:2]) else "y"
+    axis = "xyz".index((up or guessed)[-1])
+    upright = np.eye(3)[axis] * (-1 if (up or guessed).startswith("-") else 1)
+    ahead = np.eye(3)[(axis + 1) % 3] * np.cos(_ELEVATION) + upright * np.sin(_ELEVATION)
+    views = [looking(_turned(ahead, upright, azimuth), upright, points) for azimuth in _AZIMUTHS]
     return max(views, key=lambda camera: _variety(camera, points, normals))
 
 

@@ -19,6 +19,7 @@ from . import __version__
 from .benchmark.command import add_benchmark
 from .commands import add_denoise, add_evaluate, add_import_weights, add_models, add_train
 from .errors import PcdnfError
+from .picture import add_render
 from .remote import add_jobs, add_submit
 
 COMMAND_GROUP = "pcdnf.commands"
@@ -52,6 +53,7 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     add_submit(subparsers)
     add_jobs(subparsers)
     add_evaluate(subparsers)
+    add_render(subparsers)
     add_benchmark(subparsers)
     add_models(subparsers)
     add_train(subparsers, complete=command == "train")

@@ -63,7 +63,9 @@ def add_denoise(subparsers: Subparsers) -> None:
     parser.add_argument("--outliers", default="keep", choices=["keep", "drop"], help="points far from all others")
     parser.add_argument("--nonfinite", default="reject", choices=["reject", "drop"], help="rows of NaN or infinity")
     parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="of every random choice (0)")
-    parser.add_argument("--picture", type=Path, metavar="PNG", help="also draw before and after")
+    parser.add_argument(
+        "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     parser.set_defaults(run=_denoise)
 
@@ -77,7 +79,7 @@ def _natural(text: str) -> int:
 
 def _denoise(options: argparse.Namespace) -> int:
     for path in filter(None, (options.output, options.picture)):
-        _check_writable(path)
+        check_writable(path)
     check_iterations(options.iterations)
     check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
@@ -108,9 +110,9 @@ def _denoise(options: argparse.Namespace) -> int:
     for note in notes:
         print(f"pcdnf: {note}", file=sys.stderr)
     if options.picture:
-        from .render import render_comparison
+        from .picture import draw
 
-        render_comparison(cloud, denoised, options.picture, labels=("Before", "After"))
+        draw(options.picture, [cloud, denoised], title=options.input.name)
     if not options.quiet:
         facts = result.metadata
         rate = len(cloud) * int(facts["iterations"]) / seconds
@@ -120,7 +122,7 @@ def _denoise(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_writable(path: Path) -> None:
+def check_writable(path: Path) -> None:
     """Fail before the work, not after it."""
     if path.is_dir() or not path.parent.is_dir():
         raise PcdnfError(
@@ -272,7 +274,7 @@ def add_import_weights(subparsers: Subparsers) -> None:
 
 
 def _import_weights(options: argparse.Namespace) -> int:
-    _check_writable(options.output)
+    check_writable(options.output)
     from .checkpoint import save_checkpoint
     from .patches import Recipe
     from .release import CONFIG, convert_release, read_release

@@ -1,8 +1,9 @@
-"""A before-and-after picture of a cloud as a PNG, drawn with numpy and Pillow alone."""
+"""Pictures of clouds as a PNG, before and after and as maps, drawn with numpy and Pillow alone."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from PIL import ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
-from .camera import Camera, Floats, automatic
+from .camera import Camera, Floats, automatic, named
 from .formats import PointCloud
+from .maps import Scale, draw_legend
 from .normals import pca_normals
 from .splats import Image, draw, visible
 
@@ -24,6 +26,10 @@ MOST_DRAWN = 2_000_000
 OVERSAMPLING = 2
 NORMAL_NEIGHBORS = 24
 ZOOM = 5.0
+MAP_SHADING = 0.35
+"""Enough to see the shape, little enough to compare the colours with the legend."""
+DEFAULT_SIZES = {1: (1000, 900), 2: (1600, 900), 3: (2250, 900), 4: (1600, 1500)}
+"""Pixels, by the number of panels."""
 
 _COVERING_NEIGHBORS = 6
 _OVERLAP = 1.1
@@ -33,11 +39,36 @@ _SPARSE = 1.7
 _LENS, _MARGIN = 0.30, 0.045
 """In picture heights."""
 _TOP, _BOTTOM = (0.020, 0.026, 0.036), (0.055, 0.066, 0.085)
+_FILL, _FILL_BESIDE_LEGEND = 0.80, 0.58
+"""Part of a panel's height that the cloud takes; of its width it is the first."""
+_RULE = (70, 80, 96)
 _WHITE, _GREY, _ACCENT = (244, 246, 250), (160, 170, 185), (110, 200, 255)
 
 
 @dataclass(frozen=True)
+class Panel:
+    """A cloud of a picture.
+
+    Attributes
+    ----------
+    cloud : PointCloud
+    label, caption : str
+        Above it.
+    values : (N,) array, optional
+        Shown by colour in place of the cloud's own, with ``scale`` and, under its legend, ``unit``.
+    """
+
+    cloud: PointCloud
+    label: str
+    caption: str
+    values: Floats | None = None
+    scale: Scale | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
 class _Drawable:
+    chosen: Any
     points: Floats
     normals: Floats
     colours: Image | None
@@ -88,22 +119,77 @@ def render_comparison(
     coloured : bool
         Whether the clouds' own colours are used; plain clay shows the shape better.
     """
-    width, height = size[0] // 2, size[1]
-    after_drawn, before_drawn = _drawable(after, coloured), _drawable(before, coloured)
-    if len(before) == len(after):
-        before_drawn = replace(before_drawn, radius=after_drawn.radius)
-    camera = camera or automatic(*_thinned(after_drawn, 20_000))
-    camera = camera.framing(after_drawn.points, width / height * 0.95, 0.80)
-    detail = _detail(after_drawn, camera, height, width) if inset else None
-    picture = Pictures.new("RGB", (2 * width, height))
     captions = captions or (f"{len(before):,} points", f"{len(after):,} points")
-    for half, cloud in enumerate((before_drawn, after_drawn)):
-        panel = _panel(cloud, camera, height, width)
-        _write_label(panel, labels[half], captions[half], _WHITE if half else _GREY)
-        if detail is not None:
-            _paste_detail(panel, cloud, camera, detail)
-        picture.paste(panel, (half * width, 0))
-    _finish(picture, title)
+    panels = [Panel(cloud, *text) for cloud, *text in zip((before, after), labels, captions, strict=True)]
+    render_panels(panels, path, title=title, size=size, view=camera, inset=inset, coloured=coloured)
+
+
+def render_panels(
+    panels: Sequence[Panel],
+    path: str | os.PathLike[str],
+    *,
+    title: str | None = None,
+    size: tuple[int, int] | None = None,
+    view: Camera | str | None = None,
+    up: str | None = None,
+    inset: bool = True,
+    coloured: bool = True,
+) -> None:
+    """Draw clouds beside each other, four of them in two rows, from one camera, and save the picture.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        One to four; the view is chosen from the shape of the last.
+    path : path-like
+        Of the PNG.
+    title : str, optional
+        A line at the foot of the picture.
+    size : (width, height), optional
+        Pixels of the whole picture; by default 1600 x 900, wider for three panels and higher for two rows.
+    view : Camera or str, optional
+        A name of ``pcdnf.camera.VIEWS``; by default chosen from the shape.
+    up : str, optional
+        A name of ``pcdnf.camera.UPS``; by default guessed, and y for a named view.
+    inset : bool
+        Whether a detail is shown magnified, the same in every panel that is no map.
+    coloured : bool
+        Whether the clouds' own colours are used; plain clay shows the shape better.
+    """
+    columns = 2 if len(panels) == 4 else len(panels)
+    rows = -(-len(panels) // columns)
+    size = size or DEFAULT_SIZES[len(panels)]
+    width, height = size[0] // columns, size[1] // rows
+    drawn: dict[int, _Drawable] = {}
+    for panel in panels[::-1]:
+        if id(panel.cloud) not in drawn:
+            drawn[id(panel.cloud)] = _drawable(panel.cloud, coloured)
+    subject = drawn[id(panels[-1].cloud)]
+    shown = [drawn[id(panel.cloud)] for panel in panels]
+    if len({len(panel.cloud) for panel in panels}) == 1:
+        shown = [replace(cloud, radius=subject.radius) for cloud in shown]
+    if isinstance(view, Camera):
+        camera = view
+    elif view is None:
+        camera = automatic(*_thinned(subject, 20_000), up)
+    else:
+        camera = named(view, up or "y", subject.points)
+    legend = any(panel.values is not None for panel in panels)
+    fill = _FILL_BESIDE_LEGEND if legend else _FILL
+    camera = camera.framing(subject.points, width / height * 0.95 * _FILL / fill, fill)
+    detail = _detail(subject, camera, height, width) if inset else None
+    picture = Pictures.new("RGB", (columns * width, rows * height))
+    for place, (panel, cloud) in enumerate(zip(panels, shown, strict=True)):
+        if panel.values is not None and panel.scale is not None:
+            cloud = replace(cloud, colours=panel.scale.colours(panel.values[cloud.chosen]))
+        part = _panel(cloud, camera, height, width, MAP_SHADING if panel.values is not None else 1.0)
+        _write_label(part, panel.label, panel.caption, _WHITE if place else _GREY)
+        if panel.scale is not None:
+            draw_legend(part, panel.scale, panel.unit, int(height * _MARGIN), _WHITE)
+        elif detail is not None:
+            _paste_detail(part, cloud, camera, detail)
+        picture.paste(part, (place % columns * width, place // columns * height))
+    _finish(picture, title, columns, rows)
     picture.save(Path(path), format="PNG", optimize=True)
 
 
@@ -118,7 +204,7 @@ def _drawable(cloud: PointCloud, coloured: bool) -> _Drawable:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(points), 1)), where=length > 0)
     colours = _colours(cloud) if coloured else None
-    return _Drawable(points, unit, None if colours is None else colours[chosen], _covering_radius(points))
+    return _Drawable(chosen, points, unit, None if colours is None else colours[chosen], _covering_radius(points))
 
 
 def _colours(cloud: PointCloud) -> Image | None:
@@ -151,13 +237,14 @@ def _covering_radius(points: Floats) -> Floats:
     return radius
 
 
-def _panel(cloud: _Drawable, camera: Camera, height: int, width: int) -> Pictures.Image:
-    """One half, anti-aliased."""
+def _panel(cloud: _Drawable, camera: Camera, height: int, width: int, shading: float = 1.0) -> Pictures.Image:
+    """One panel, anti-aliased."""
     tall, wide = height * OVERSAMPLING, width * OVERSAMPLING
     ramp = np.linspace(0, 1, tall)[:, None, None]
     background = np.broadcast_to(np.asarray(_TOP) * (1 - ramp) + np.asarray(_BOTTOM) * ramp, (tall, wide, 3))
+    backdrop = background.astype(np.float32)
     light = draw(
-        cloud.points, cloud.normals, cloud.colours, cloud.radius, camera, tall, wide, background.astype(np.float32)
+        cloud.points, cloud.normals, cloud.colours, cloud.radius, camera, tall, wide, backdrop, shading=shading
     )
     mean = np.clip(light, 0, 1).reshape(height, OVERSAMPLING, width, OVERSAMPLING, 3).mean(axis=(1, 3))
     return Pictures.fromarray((mean ** (1 / 2.2) * 255 + 0.5).astype(np.uint8))
@@ -209,10 +296,15 @@ def _write_label(panel: Pictures.Image, label: str, caption: str, colour: tuple[
     pen.text((margin, margin + height * 0.058), caption, fill=_GREY, font=small)
 
 
-def _finish(picture: Pictures.Image, title: str | None) -> None:
+def _finish(picture: Pictures.Image, title: str | None, columns: int, rows: int) -> None:
     width, height = picture.size
     pen = ImageDraw.Draw(picture)
-    pen.line([width // 2, 0, width // 2, height], fill=(70, 80, 96), width=2)
+    for column in range(1, columns):
+        pen.line([width * column // columns, 0, width * column // columns, height], fill=_RULE, width=2)
+    for row in range(1, rows):
+        pen.line([0, height * row // rows, width, height * row // rows], fill=_RULE, width=2)
     if title:
-        margin = int(height * _MARGIN)
-        pen.text((margin, height - margin), title, fill=_GREY, font=ImageFont.load_default(height * 0.024), anchor="ls")
+        tall = height / rows
+        margin = int(tall * _MARGIN)
+        foot = height // rows - margin  # of the first row: the maps have their legends at the foot
+        pen.text((margin, foot), title, fill=_GREY, font=ImageFont.load_default(tall * 0.024), anchor="ls")

@@ -39,6 +39,8 @@ def draw(
     height: int,
     width: int,
     background: Image,
+    *,
+    shading: float = 1.0,
 ) -> Image:
     """A cloud in front of a background.
 
@@ -54,13 +56,16 @@ def draw(
     height, width : int
         Pixels of the picture.
     background : (height, width, 3) array
+    shading : float
+        Of coloured points: 1 is lit as a thing is, 0 shows the colours as they are.
     """
     facing = camera.facing(normals)
     index, depth = visible(points, facing, radius, camera, height, width)
     drawn = index >= 0
     image = background.copy()
-    lit = _lit(facing[index[drawn]], None if colours is None else colours[index[drawn]])
-    image[drawn] = lit * _dome(depth, drawn, float(np.median(radius)))[drawn][:, None]
+    lit = _lit(facing[index[drawn]], None if colours is None else colours[index[drawn]], shading)
+    dome = 1 - shading + shading * _dome(depth, drawn, float(np.median(radius)))
+    image[drawn] = lit * dome[drawn][:, None]
     return image
 
 
@@ -98,7 +103,7 @@ def visible(
     return index, (nearest >> _INDEX_BITS) / _DEPTH_STEPS * (high - low) + low
 
 
-def _lit(facing: Floats, colours: Image | None) -> Image:
+def _lit(facing: Floats, colours: Image | None, shading: float) -> Image:
     """Linear light of points by their normals in camera axes."""
     key, fill = _KEY / np.linalg.norm(_KEY), _FILL / np.linalg.norm(_FILL)
     half = key + np.array([0, 0, 1])
@@ -107,7 +112,7 @@ def _lit(facing: Floats, colours: Image | None) -> Image:
     diffuse = diffuse + np.maximum(facing @ fill, 0)[:, None] * [0.55, 0.70, 1.0] * 0.22
     diffuse = diffuse + (0.5 + 0.5 * facing[:, 1:2]) * [0.80, 0.90, 1.0] * 0.16
     if colours is not None:
-        return np.asarray(colours * (0.40 + 0.60 * diffuse), np.float32)
+        return np.asarray(colours * (1 - shading + shading * (0.40 + 0.60 * diffuse)), np.float32)
     gloss = np.maximum(facing @ half, 0)[:, None] ** 40 * 0.16
     albedo = np.asarray(CLAY) ** 2.2
     return np.asarray(albedo * diffuse * 1.25 + gloss, np.float32)

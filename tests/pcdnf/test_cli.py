@@ -77,7 +77,7 @@ def test_denoise_keeps_everything_and_says_how(noisy: Path, tmp_path: Path, caps
     assert (after.metadata["seed"], after.metadata["device"]) == ("5", "cpu")
     assert after.metadata["version"] == __version__
     with Image.open(picture) as drawn:
-        assert drawn.size == (1600, 900)
+        assert drawn.size == (2250, 900), "before, after and the map of displacement"
     assert f"{COUNT} points in" in capsys.readouterr().out
 
 
