@@ -120,7 +120,7 @@ def render_comparison(
         Whether the clouds' own colours are used; plain clay shows the shape better.
     """
     captions = captions or (f"{len(before):,} points", f"{len(after):,} points")
-    panels = [Panel(cloud, *text) for cloud, *text in zip((before, after), labels, captions, strict=True)]
+    panels = [Panel(before, labels[0], captions[0]), Panel(after, labels[1], captions[1])]
     render_panels(panels, path, title=title, size=size, view=camera, inset=inset, coloured=coloured)
 
 
