@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 
 FAILED, INTERRUPTED = 1, 130
 PARAMETERS = {
-    "iterations": "passes over the cloud",
+    "iterations": "passes over the cloud: auto, or a number",
+    "radius": "size of the neighbourhoods: auto, a length, or a share of the diagonal such as 4%%",
     "model": "a name that the service's /models lists",
     "seed": "of every random choice",
-    "normals": "where raw normals come from: pca or input",
+    "normals": "where raw normals come from: auto, pca or input",
+    "orient": "whether normals are turned to one side: true or false",
+    "outliers": "points far from all others: keep or drop",
     "nonfinite": "rows of NaN or infinity: reject or drop",
 }
 """Parameters of a job, which the service checks; those left out are the service's choice."""

@@ -18,7 +18,7 @@ except ImportError as error:
 from .client import Client
 from .connection import DEFAULT_URL
 from .errors import JobError, ProblemError, Unreachable
-from .models import Execution, Job, Model, ProblemDetail, Progress
+from .models import Execution, Job, Model, Plan, ProblemDetail, Progress
 
 __all__ = [
     "DEFAULT_URL",
@@ -27,6 +27,7 @@ __all__ = [
     "Job",
     "JobError",
     "Model",
+    "Plan",
     "ProblemDetail",
     "ProblemError",
     "Progress",

@@ -36,6 +36,14 @@ class Progress(_Shown):
     unit: str = "points"
 
 
+class Plan(_Shown):
+    """What was settled before a job ran."""
+
+    noise: float
+    spacing: float
+    radii: list[float]
+
+
 class Execution(_Shown):
     """On what a job runs."""
 
@@ -46,6 +54,7 @@ class Execution(_Shown):
     cpu_fallback: bool
     precision: str
     version: str
+    plan: Plan | None = None
 
 
 class Job(_Shown):

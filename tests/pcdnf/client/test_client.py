@@ -21,7 +21,18 @@ from misbehaving import Handler, Proxy, alter, busy, cut_answer, drop, drop_answ
 from pydantic import BaseModel
 from service_process import Service, write_sphere
 
-from pcdnf.client import Client, Execution, Job, JobError, Model, ProblemDetail, ProblemError, Progress, Unreachable
+from pcdnf.client import (
+    Client,
+    Execution,
+    Job,
+    JobError,
+    Model,
+    Plan,
+    ProblemDetail,
+    ProblemError,
+    Progress,
+    Unreachable,
+)
 from pcdnf.errors import PcdnfError
 from pcdnf.formats import read
 from service import catalogue, problems, views
@@ -40,6 +51,7 @@ def posts(proxy: Proxy) -> list[tuple[str, bytes]]:
         (Job, views.JobView),
         (Progress, views.ProgressView),
         (Execution, views.ExecutionView),
+        (Plan, views.PlanView),
         (ProblemDetail, problems.ProblemDetail),
     ],
 )
