@@ -3,7 +3,8 @@
     python examples/make_sample.py
 
 ``bracket_clean.ply`` has exact normals; ``bracket_noisy.ply`` the same points with Gaussian noise of 0.7 % of the
-diagonal and painted colours. Millimetres, float32. Needs the ``train`` extra (manifold3d, trimesh).
+diagonal and painted colours, which the page at ``/`` offers too. Millimetres,
+float32. Needs the ``train`` extra (manifold3d, trimesh).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pcdnf.formats import PointCloud, write
 POINTS = 40_000
 NOISE = 0.007
 FOLDER = Path(__file__).parent
+VIEWER = FOLDER.parent / "service" / "viewer"
 
 
 def bracket() -> trimesh.Trimesh:
@@ -51,7 +53,8 @@ def main() -> None:
     clean = PointCloud(points=points.astype(np.float32), normals=normals.astype(np.float32))
     write(FOLDER / "bracket_clean.ply", clean)
     painted = {name: colour[:, axis] for axis, name in enumerate(("red", "green", "blue"))}
-    write(FOLDER / "bracket_noisy.ply", PointCloud(points=noisy.astype(np.float32), attributes=painted))
+    for path in (FOLDER / "bracket_noisy.ply", VIEWER / "sample.ply"):
+        write(path, PointCloud(points=noisy.astype(np.float32), attributes=painted))
 
 
 if __name__ == "__main__":

@@ -8,13 +8,13 @@ from contextlib import asynccontextmanager
 from typing import Annotated
 
 from fastapi import Depends, FastAPI, Header, Query, Request, Response
-from fastapi.responses import JSONResponse, RedirectResponse, StreamingResponse
+from fastapi.responses import JSONResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 import pcdnf
 from pcdnf.file_formats import FORMATS
 
-from . import catalogue, database, events, problems, results
+from . import catalogue, database, events, pages, problems, results
 from .auth import Keys, caller
 from .catalogue import Model
 from .children import Children
@@ -25,7 +25,17 @@ from .inspection import Inspector
 from .job import FINISHED, Job
 from .jobs import Jobs
 from .middleware import Guard
-from .openapi import DELETED, DENOISE_BODY, DENOISE_PARAMETERS, DENOISED, EVENTS, NOT_MODIFIED, RESULT_RESPONSES, errors
+from .openapi import (
+    DELETED,
+    DENOISE_BODY,
+    DENOISE_PARAMETERS,
+    DENOISED,
+    DISPLAY_RESPONSES,
+    EVENTS,
+    NOT_MODIFIED,
+    RESULT_RESPONSES,
+    errors,
+)
 from .origin import Origins
 from .parameters import only_query
 from .preferences import preferred_wait
@@ -58,6 +68,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version=pcdnf.__version__,
         summary="Upload a point cloud, get it back with less noise and with normals.",
         lifespan=_lifespan,
+        docs_url=None,  # see pages
         redoc_url=None,
         responses=errors(403, 500, 503),
     )
@@ -69,6 +80,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     problems.install(app)
     _probes(app)
     _routes(app)
+    pages.install(app)
     return app
 
 
@@ -117,10 +129,6 @@ FollowerIn = Annotated[Follower, Depends(_follower)]
 
 
 def _probes(app: FastAPI) -> None:
-    @app.get("/", include_in_schema=False)
-    async def root() -> Response:
-        return RedirectResponse("/docs")
-
     @app.get("/livez", tags=["probes"])
     async def alive() -> dict[str, str]:
         """Answer while the event loop of the API runs."""
@@ -249,6 +257,19 @@ def _routes(app: FastAPI) -> None:
         if name not in (job.results or {}):
             job = await state.converter.with_format(job, name)
         return results.respond(request, job, state.storage, name)
+
+    @app.get(
+        "/jobs/{job_id}/display",
+        tags=["jobs"],
+        response_class=Response,
+        dependencies=[Depends(only_query())],
+        responses=DISPLAY_RESPONSES | errors(401, 404, 409, 410, 422),
+    )
+    def display(request: Request, state: StateIn, job: JobIn) -> Response:
+        """Return what the page at `/` draws: at most a million points before and after, as binary glTF."""
+        if job.status == "succeeded":
+            return results.respond_display(request, job, state.storage)
+        raise _no_result(state, job)
 
 
 def _no_result(state: State, job: Job) -> Problem:

@@ -6,13 +6,20 @@ from fastapi import Request
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from .pages import POLICY
 from .problems import Problem
 
 ALWAYS = ("/livez", "/readyz")  # answered however busy the service is
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+"""On every response, unless the route set its own."""
 
 
 class Guard:
-    """Answers 503 beyond `max_requests` at a time, and forbids browsers to guess content types.
+    """Answers 503 beyond `max_requests` at a time, and tells browsers what they may not do.
 
     Parameters
     ----------
@@ -32,7 +39,9 @@ class Guard:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).setdefault("X-Content-Type-Options", "nosniff")
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         if self._running >= self._max and scope["path"] not in ALWAYS:

@@ -83,6 +83,9 @@ EVENTS: Responses = {
     },
     204: {"description": "The job has finished, and the event with this Last-Event-ID told so"},
 }
+DISPLAY_RESPONSES: Responses = NOT_MODIFIED | {
+    200: {"description": "Binary glTF", "content": {"model/gltf-binary": _BINARY}},
+}
 DELETED: Responses = {
     202: {"model": JobView, "description": "The worker was asked to stop"},
     204: {"description": "The finished job was removed"},

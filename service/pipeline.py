@@ -25,13 +25,15 @@ from pcdnf.formats import write
 from pcdnf.orientation import orient_normals
 
 from .attempts import MAX_LOSSES
+from .display import colours, write_display
 from .engine import WORKFLOW
 from .job import Job
 from .models import denoise_tile
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime
-from .storage import UPLOAD, job_file, sha256
+from .storage import DISPLAY, UPLOAD, job_file, sha256
 from .work import (
+    RAW_NORMALS,
     Progress,
     load_arrays,
     merged_name,
@@ -122,7 +124,7 @@ def _run(job: Job) -> str:
     results = _checked(finish(job.id))
     if not shared.attempts.succeed(job.id, results["results"], results["warnings"]):
         raise Ended
-    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, *map(result_name, results["results"])}))
+    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, DISPLAY, *map(result_name, results["results"])}))
     log.info("job %s succeeded", job.id)
     return "succeeded"
 
@@ -214,7 +216,9 @@ def merge(runtime: Runtime, job: Job, iteration: int, tiles: list[list[int]]) ->
 def _merged(runtime: Runtime, job: Job, iteration: int, cloud: Cloud, tiles: list[list[int]]) -> Outcome:
     points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
     flagged = np.zeros(len(cloud), bool)
-    if iteration:
+    if iteration == 0:
+        store_arrays(runtime, job.id, RAW_NORMALS, normals=cloud.normals)
+    else:
         flagged |= load_arrays(runtime, job.id, merged_name(iteration - 1))["flagged"]
     for start, stop in tiles:
         rows = cloud.order[start:stop]
@@ -228,7 +232,7 @@ def _merged(runtime: Runtime, job: Job, iteration: int, cloud: Cloud, tiles: lis
 
 @_step
 def finish(runtime: Runtime, job: Job) -> Outcome:
-    """Write the result as it came in, as PLY and as NPZ, with what is needed to repeat the run in its metadata."""
+    """Write the result as it came in, as PLY and as NPZ, with what is needed to repeat the run, and what the page draws."""
     with runtime.at_work(job, Progress(runtime, job, job.total).check):
         return _finished(runtime, job)
 
@@ -259,6 +263,16 @@ def _finished(runtime: Runtime, job: Job) -> Outcome:
         warnings += notes
         results[name] = {"size": scratch.stat().st_size, "sha256": sha256(scratch)}
         runtime.storage.put(scratch, job_file(job.id, result_name(name)))
+    scratch = runtime.storage.scratch()
+    write_display(
+        scratch,
+        before=given.points,
+        after=merged["points"],
+        raw_normals=load_arrays(runtime, job.id, RAW_NORMALS)["normals"],
+        normals=merged["normals"],
+        colour=colours(given),
+    )
+    runtime.storage.put(scratch, job_file(job.id, DISPLAY))
     lost = int(merged["flagged"].sum())
     if lost:
         warnings.append(f"{lost} points had too few neighbours and are returned as they came.")

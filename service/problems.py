@@ -25,6 +25,7 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "cross_site": (403, "Not from another site"),
     "not_found": (404, "No such page"),
     "job_not_found": (404, "No such job"),
+    "display_not_found": (404, "Nothing to draw"),
     "method_not_allowed": (405, "Method not allowed"),
     "not_acceptable": (406, "No result in that format"),
     "upload_too_slow": (408, "The upload took too long"),

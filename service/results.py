@@ -12,7 +12,7 @@ from pcdnf.file_formats import FORMATS, available
 
 from .job import Job
 from .problems import Problem
-from .storage import Storage, job_file
+from .storage import DISPLAY, Storage, job_file
 
 MEDIA_TYPES = {name: FORMATS[name].media_type for name in available()}
 _RANGE = re.compile(r"^bytes=(\d*)-(\d*)$", re.ASCII)
@@ -63,6 +63,28 @@ def respond(request: Request, job: Job, storage: Storage, name: str) -> Response
         media_type=MEDIA_TYPES[name],
         filename=f"{job.upload['name']}_denoised.{name}",
     )
+
+
+def respond_display(request: Request, job: Job, storage: Storage) -> Response:
+    """Return the response with what the page draws of `job`, which has succeeded.
+
+    Raises
+    ------
+    Problem
+        404 where the job has no such file.
+    """
+    path = storage.local(job_file(job.id, DISPLAY))
+    if not path.exists():
+        raise Problem(
+            "display_not_found",
+            "This job has a result but nothing to draw: an older version of the service made it.",
+            hint="Download the result, or submit the file again.",
+        )
+    headers = {"ETag": f'"{job.id}"', "Cache-Control": "private, no-cache"}  # a job's file never changes
+    if _matches(request.headers.get("if-none-match"), headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    _ignore_range(request)
+    return FileResponse(path, headers=headers, media_type="model/gltf-binary")
 
 
 def _accepted(accept: str, own: str) -> str | None:
@@ -121,5 +143,9 @@ def _one_range(request: Request, size: int, etag: str) -> bool:
                 actual=first,
             )
     if not usable:
-        request.scope["headers"] = [item for item in request.scope["headers"] if item[0].lower() != b"range"]
+        _ignore_range(request)
     return bool(usable)
+
+
+def _ignore_range(request: Request) -> None:
+    request.scope["headers"] = [item for item in request.scope["headers"] if item[0].lower() != b"range"]

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Protocol
 
 UPLOAD = "upload"
+DISPLAY = "display.glb"
 
 
 def sha256(path: Path) -> str:

@@ -77,6 +77,7 @@ def job_view(job: Job, outlook: Outlook) -> JobView:
         links["events"] = f"/jobs/{job.id}/events"
     if job.status == "succeeded":
         links["result"] = f"/jobs/{job.id}/result"
+        links["display"] = f"/jobs/{job.id}/display"
     created = _time(job.created_at)
     assert created is not None
     return JobView(

@@ -20,6 +20,7 @@ from .job import Job
 from .runtime import Runtime
 from .storage import UPLOAD, job_file
 
+RAW_NORMALS = "raw-normals.npz"
 POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
 
 

@@ -1,0 +1,274 @@
+// The page: a file becomes a job, a job becomes a picture. The address `#/jobs/ID` opens a job again.
+
+import { Problem, bytes, follow, key, onKeyNeeded, request, submit } from "./api.js";
+import { Controls } from "./controls.js";
+import { parse } from "./display.js";
+import { installKeys } from "./keys.js";
+import { showNumbers } from "./numbers.js";
+import { Progress } from "./progress.js";
+import { Stage } from "./stage.js";
+
+const $ = (id) => document.getElementById(id);
+const root = document.documentElement;
+const progress = new Progress();
+let controls = null; // there where the browser has WebGL
+let work = new AbortController(); // what the page is doing now
+let current = null; // the job that is followed or shown
+let retry = null; // what the problem's first button does
+
+const state = (name) => (root.dataset.state = name);
+
+function say(text) {
+  const toast = $("toast");
+  toast.textContent = text;
+  toast.classList.add("shown");
+  clearTimeout(toast.timer);
+  toast.timer = setTimeout(() => toast.classList.remove("shown"), 5000);
+}
+
+/** Stop what the page was doing and return the signal of what it does next. */
+function begin() {
+  work.abort();
+  work = new AbortController();
+  return work.signal;
+}
+
+function home() {
+  begin();
+  current = null;
+  $("file-name").textContent = "";
+  document.title = "PCDNF: denoise a point cloud";
+  state("empty");
+}
+
+function fail(error, again = null) {
+  if (error.name === "AbortError") return;
+  const problem = error instanceof Problem ? error : new Problem({
+    title: "The page met an error of its own", detail: String(error), hint: "Reload the page.", code: "page_error" });
+  retry = again;
+  $("problem-title").textContent = problem.title;
+  $("problem-detail").textContent = problem.detail;
+  $("problem-hint").textContent = problem.hint ?? "";
+  $("problem-code").textContent = problem.code;
+  $("problem-retry").hidden = !again;
+  $("problem-pick").className = again ? "secondary" : "primary";
+  document.title = `${problem.title} · PCDNF`;
+  state("problem");
+  $("problem-title").focus();
+}
+
+async function upload(file) {
+  const signal = begin();
+  current = null;
+  $("file-name").textContent = file.name;
+  progress.start(file.name);
+  progress.upload(0);
+  state("busy");
+  try {
+    const job = await submit(file, { progress: (share) => progress.upload(share), signal });
+    if (signal.aborted) return;
+    history.pushState(null, "", `#/jobs/${job.id}`);
+    await open(job.id);
+  } catch (error) {
+    fail(error, error.code === "connection_lost" || error.status >= 500 ? () => upload(file) : null);
+  }
+}
+
+async function open(id) {
+  const signal = begin();
+  current = { id };
+  progress.start("");
+  progress.step("queue", "Asking for the job", null, "");
+  state("busy");
+  try {
+    const seen = (job) => {
+      current = job;
+      $("file-name").textContent = fileName(job);
+      progress.job(job);
+    };
+    const job = await follow(id, { seen, signal });
+    if (job.status === "succeeded") await show(job, signal);
+    else if (job.status === "failed") throw new Problem(job.problem);
+    else throw new Problem({ title: "Cancelled", detail: "The job was cancelled.", hint: "Its upload was removed." });
+  } catch (error) {
+    if (!signal.aborted) fail(error, error.code === "connection_lost" ? () => open(id) : null);
+  }
+}
+
+const fileName = ({ upload }) => `${upload.name ?? "cloud"}.${upload.format}`;
+
+async function show(job, signal) {
+  let display = null;
+  progress.show(0);
+  if (controls) {
+    try {
+      const response = await request(job.links.display.slice(1), { signal });
+      display = parse(await bytes(response, (share) => progress.show(share)));
+    } catch (error) {
+      if (error.code !== "display_not_found") throw error;
+      say(`${error.detail} ${error.hint}`);
+    }
+  }
+  state("result");
+  $("stage").dataset.drawing = String(display !== null);
+  if (display) controls.load(display);
+  showNumbers($("numbers"), job, display);
+  const own = job.upload.format;
+  const other = own === "ply" ? "npz" : "ply";
+  link($("download"), job, own, `Download ${own.toUpperCase()}`);
+  link($("download-other"), job, other, other.toUpperCase());
+  const expires = new Date(job.expires_at);
+  $("kept").textContent = `Full precision. Kept until ${expires.toLocaleString([], { dateStyle: "medium", timeStyle: "short" })}.`;
+  $("warnings").replaceChildren(...job.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  document.title = `${fileName(job)} · PCDNF`;
+  $("live").textContent = "The result is shown.";
+}
+
+function link(anchor, job, format, text) {
+  anchor.href = `${job.links.result.slice(1)}?format=${format}`;
+  anchor.textContent = text;
+}
+
+/** With a key the browser cannot follow the link by itself: fetch the file, then hand it over. */
+async function download(event) {
+  if (!key()) return;
+  event.preventDefault();
+  const anchor = event.currentTarget;
+  if (anchor.ariaBusy === "true") return;
+  anchor.ariaBusy = "true";
+  try {
+    const response = await request(anchor.getAttribute("href"));
+    const format = anchor.href.split("=").pop();
+    keep(await response.blob(), `${current.upload.name ?? "cloud"}_denoised.${format}`);
+  } catch (error) {
+    say(error.detail ? `${error.detail} ${error.hint ?? ""}` : String(error));
+  } finally {
+    anchor.ariaBusy = "false";
+  }
+}
+
+function keep(blob, name) {
+  const anchor = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name });
+  anchor.click();
+  setTimeout(() => URL.revokeObjectURL(anchor.href), 60000);
+}
+
+async function cancel() {
+  const { id, links } = current ?? {};
+  if (!id || !links) return home(); // still uploading: leaving ends it
+  $("cancel").disabled = true;
+  try {
+    await request(`jobs/${id}`, { method: "DELETE" });
+  } catch (error) {
+    if (error.status !== 404) fail(error);
+  }
+}
+
+async function sample() {
+  const signal = begin();
+  try {
+    const response = await request("viewer/sample.ply", { signal });
+    await upload(new File([await response.blob()], "bracket.ply"));
+  } catch (error) {
+    fail(error, sample);
+  }
+}
+
+function askForKey(sent) {
+  const dialog = $("key-dialog");
+  $("key-text").textContent = sent ? "The service does not know the key that was sent." : "This service asks for a key.";
+  $("key").value = "";
+  dialog.showModal();
+  return new Promise((resolve) => {
+    const settle = (value) => (event) => {
+      event.preventDefault();
+      dialog.close();
+      listeners.abort();
+      resolve(value());
+    };
+    const listeners = new AbortController();
+    const { signal } = listeners;
+    $("key-form").addEventListener("submit", settle(() => $("key").value.trim()), { signal });
+    $("key-cancel").addEventListener("click", settle(() => null), { signal });
+    dialog.addEventListener("cancel", settle(() => null), { signal });
+  });
+}
+
+function route() {
+  const [, id] = location.hash.match(/^#\/jobs\/([\w-]+)$/) ?? [];
+  if (!id) home();
+  else if (id !== current?.id) open(id);
+}
+
+function take(files) {
+  if (!files.length) return;
+  if (files.length > 1) say(`One file at a time: ${files[0].name} is taken.`);
+  upload(files[0]);
+}
+
+function toggleTheme() {
+  const dark = (root.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
+  root.dataset.theme = dark ? "light" : "dark";
+  try {
+    localStorage.setItem("theme", root.dataset.theme);
+  } catch {
+    // Not remembered, then.
+  }
+  controls?.stage.draw();
+}
+
+function leave() {
+  if (location.hash) location.hash = "#/";
+  else home();
+}
+
+function listen() {
+  $("pick").addEventListener("click", () => $("input").click());
+  $("problem-pick").addEventListener("click", () => $("input").click());
+  $("problem-home").addEventListener("click", leave);
+  $("problem-retry").addEventListener("click", () => retry?.());
+  $("another").addEventListener("click", leave);
+  $("sample").addEventListener("click", sample);
+  $("cancel").addEventListener("click", cancel);
+  $("theme").addEventListener("click", toggleTheme);
+  for (const id of ["download", "download-other"]) $(id).addEventListener("click", download);
+  $("input").addEventListener("change", () => {
+    take([...$("input").files]);
+    $("input").value = "";
+  });
+  let depth = 0; // of nested elements under the pointer
+  const veil = (change) => {
+    depth = change === 0 ? 0 : Math.max(0, depth + change);
+    $("veil").classList.toggle("shown", depth > 0);
+  };
+  window.addEventListener("dragenter", (event) => event.dataTransfer.types.includes("Files") && veil(1));
+  window.addEventListener("dragleave", (event) => event.dataTransfer.types.includes("Files") && veil(-1));
+  window.addEventListener("dragover", (event) => event.preventDefault());
+  window.addEventListener("drop", (event) => {
+    event.preventDefault();
+    veil(0);
+    take([...event.dataTransfer.files]);
+  });
+  window.addEventListener("hashchange", route);
+  window.addEventListener("popstate", route);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => controls?.stage.draw());
+}
+
+function start() {
+  const background = () => getComputedStyle($("stage")).getPropertyValue("--stage").trim();
+  try {
+    const save = async () => keep(await controls.stage.picture(), `${current.upload.name ?? "cloud"}_${controls.stage.view}.png`);
+    controls = new Controls(new Stage($("canvas"), background), { say, save });
+  } catch {
+    say("This browser cannot draw in three dimensions (WebGL is off). Denoising and downloads work without.");
+  }
+  onKeyNeeded(askForKey);
+  installKeys([...(controls?.keys() ?? []), [["n"], "New file", leave]], [
+    [["t"], "Dark or light", toggleTheme],
+    [["?"], "This list", () => $("keys-dialog").showModal()],
+  ], () => root.dataset.state === "result" && $("stage").dataset.drawing === "true");
+  listen();
+  route();
+}
+
+start();
