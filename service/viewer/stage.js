@@ -81,7 +81,7 @@ export class Stage {
     }
     this.reach = Math.max(...Object.values(this.clouds).map(({ geometry: { boundingSphere: ball } }) =>
       ball.center.length() + ball.radius));
-    this.reset();
+    this.turnUp(this.up);
   }
 
   clear() {
