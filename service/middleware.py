@@ -12,7 +12,7 @@ from .problems import Problem
 ALWAYS = ("/livez", "/readyz")  # answered however busy the service is
 HEADERS = {
     "Content-Security-Policy": POLICY,
-    "Referrer-Policy": "no-referrer",
+    "Referrer-Policy": "same-origin",
     "X-Content-Type-Options": "nosniff",
 }
 """On every response, unless the route set its own."""

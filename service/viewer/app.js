@@ -26,6 +26,10 @@ function say(text) {
   toast.timer = setTimeout(() => toast.classList.remove("shown"), 5000);
 }
 
+function announce(text) {
+  $("live").textContent = text;
+}
+
 /** Stop what the page was doing and return the signal of what it does next. */
 function begin() {
   work.abort();
@@ -121,7 +125,7 @@ async function show(job, signal) {
   $("kept").textContent = `Full precision. Kept until ${expires.toLocaleString([], { dateStyle: "medium", timeStyle: "short" })}.`;
   $("warnings").replaceChildren(...job.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
   document.title = `${fileName(job)} · PCDNF`;
-  $("live").textContent = "The result is shown.";
+  announce("The result is shown.");
 }
 
 function link(anchor, job, format, text) {
@@ -258,7 +262,7 @@ function start() {
   const background = () => getComputedStyle($("stage")).getPropertyValue("--stage").trim();
   try {
     const save = async () => keep(await controls.stage.picture(), `${current.upload.name ?? "cloud"}_${controls.stage.view}.png`);
-    controls = new Controls(new Stage($("canvas"), background), { say, save });
+    controls = new Controls(new Stage($("canvas"), background), { announce, save });
   } catch {
     say("This browser cannot draw in three dimensions (WebGL is off). Denoising and downloads work without.");
   }

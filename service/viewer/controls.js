@@ -9,9 +9,9 @@ const STEP = 0.14; // radians a key turns
 const PUSH = 0.06; // share of the distance a key moves
 
 export class Controls {
-  constructor(stage, { say, save }) {
+  constructor(stage, { announce, save }) {
     this.stage = stage;
-    this.say = say;
+    this.announce = announce; // for those who do not see it
     this.save = save;
     this.display = null;
     this.colouring = "shaded";
@@ -78,7 +78,7 @@ export class Controls {
     this.stage.turnUp(up);
     $("up").firstElementChild.textContent = up.toUpperCase();
     if (this.colouring === "height") this.colour("height");
-    this.say(`${up.toUpperCase()} is up`);
+    this.announce(`${up.toUpperCase()} is up`);
   }
 
   /** Put the divider at a share of the width. */

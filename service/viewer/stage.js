@@ -27,6 +27,7 @@ const LIT = 0.28; // the share of light from everywhere
 const OVERLAY = { tint: [0.96, 0.56, 0.12, 1], opacity: 0.45, size: 0.7 };
 const FIELD = 40; // degrees
 const DIRECTION = new Vector3(0.95, 0.72, 0.9).normalize();
+const MARGIN = 0.9; // the share of the free picture that a fitted cloud fills
 const BAR = 56; // pixels of the picture under the bar at its top
 const SLOW_MS = 45, QUICK_MS = 24, FEWEST = 60_000, REST_MS = 160;
 
@@ -59,6 +60,8 @@ export class Stage {
     this.clear();
     this.count = display.shown;
     const [low, high] = display.box.map((corner) => new Vector3(...corner));
+    this.corners = [0, 1, 2, 3, 4, 5, 6, 7].map((bits) =>
+      new Vector3(...["x", "y", "z"].map((axis, index) => (bits & (1 << index) ? high : low)[axis])));
     this.radius = Math.max(low.distanceTo(high) / 2, 1e-9);
     this.spacing = (this.radius * 3.6) / Math.sqrt(this.count);
     for (const name of ["before", "after"]) {
@@ -117,10 +120,19 @@ export class Stage {
   reset() {
     if (!this.clouds.after) return;
     const { width, height } = this.size();
-    const aspect = this.panes(width, height)[0].aspect;
-    const half = Math.atan(Math.tan((FIELD * Math.PI) / 360) * Math.min(1, aspect));
+    const { viewport } = this.panes(width, height)[0];
+    const tall = Math.tan((FIELD * Math.PI) / 360);
+    const free = [MARGIN * tall * (viewport.width / viewport.height), MARGIN * tall * (1 - BAR / viewport.height)];
+    const right = new Vector3(DIRECTION.z, 0, -DIRECTION.x).normalize();
+    const above = DIRECTION.clone().cross(right);
+    this.world.updateMatrixWorld();
+    const distances = this.corners.map((corner) => {
+      const at = corner.clone().applyMatrix4(this.world.matrixWorld);
+      const sides = [Math.abs(at.dot(right)) / free[0], Math.abs(at.dot(above)) / free[1]];
+      return at.dot(DIRECTION) + Math.max(...sides);
+    });
     this.controls.target.set(0, 0, 0);
-    this.camera.position.copy(DIRECTION).multiplyScalar((this.radius / Math.sin(half)) * 0.93);
+    this.camera.position.copy(DIRECTION).multiplyScalar(Math.max(...distances, this.radius / 50));
     this.controls.minDistance = this.radius / 200;
     this.controls.maxDistance = this.reach * 20;
     this.controls.update();

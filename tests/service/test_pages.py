@@ -22,7 +22,7 @@ def test_every_response_has_the_policy(api: httpx.Client, path: str) -> None:
     headers = api.get(path).headers
     assert headers["content-security-policy"] == POLICY
     assert headers["x-content-type-options"] == "nosniff"
-    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["referrer-policy"] == "same-origin"
     assert "set-cookie" not in headers
     assert POLICY.startswith("default-src 'self'; ")
     assert "unsafe" not in DOCS_POLICY
