@@ -232,7 +232,7 @@ def _merged(runtime: Runtime, job: Job, iteration: int, cloud: Cloud, tiles: lis
 
 @_step
 def finish(runtime: Runtime, job: Job) -> Outcome:
-    """Write the result as it came in, as PLY and as NPZ, with what is needed to repeat the run, and what the page draws."""
+    """Write the result as it came in, as PLY and as NPZ, all that repeats the run, and what the page draws."""
     with runtime.at_work(job, Progress(runtime, job, job.total).check):
         return _finished(runtime, job)
 

@@ -117,10 +117,8 @@ async function show(job, signal) {
   $("stage").dataset.drawing = String(display !== null);
   if (display) controls.load(display);
   showNumbers($("numbers"), job, display);
-  const own = job.upload.format;
-  const other = own === "ply" ? "npz" : "ply";
-  link($("download"), job, own, `Download ${own.toUpperCase()}`);
-  link($("download-other"), job, other, other.toUpperCase());
+  $("format").value = job.upload.format;
+  offer();
   const expires = new Date(job.expires_at);
   $("kept").textContent = `Full precision. Kept until ${expires.toLocaleString([], { dateStyle: "medium", timeStyle: "short" })}.`;
   $("warnings").replaceChildren(...job.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
@@ -128,9 +126,9 @@ async function show(job, signal) {
   announce("The result is shown.");
 }
 
-function link(anchor, job, format, text) {
-  anchor.href = `${job.links.result.slice(1)}?format=${format}`;
-  anchor.textContent = text;
+/** Let the download be in the format that is chosen. */
+function offer() {
+  $("download").href = `${current.links.result.slice(1)}?format=${$("format").value}`;
 }
 
 /** With a key the browser cannot follow the link by itself: fetch the file, then hand it over. */
@@ -142,8 +140,7 @@ async function download(event) {
   anchor.ariaBusy = "true";
   try {
     const response = await request(anchor.getAttribute("href"));
-    const format = anchor.href.split("=").pop();
-    keep(await response.blob(), `${current.upload.name ?? "cloud"}_denoised.${format}`);
+    keep(await response.blob(), `${current.upload.name ?? "cloud"}_denoised.${$("format").value}`);
   } catch (error) {
     say(error.detail ? `${error.detail} ${error.hint ?? ""}` : String(error));
   } finally {
@@ -235,7 +232,8 @@ function listen() {
   $("sample").addEventListener("click", sample);
   $("cancel").addEventListener("click", cancel);
   $("theme").addEventListener("click", toggleTheme);
-  for (const id of ["download", "download-other"]) $(id).addEventListener("click", download);
+  $("download").addEventListener("click", download);
+  $("format").addEventListener("change", offer);
   $("input").addEventListener("change", () => {
     take([...$("input").files]);
     $("input").value = "";

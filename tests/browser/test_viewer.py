@@ -69,9 +69,11 @@ def test_from_the_drop_to_the_download(running: Service, make_page: MakePage, tm
     split = canvas(page)
     assert share_drawn(split) > 0.15
 
-    for selector, format_ in (("#download", "ply"), ("#download-other", "npz")):
+    assert page.locator("#format").input_value() == "ply"
+    for format_ in ("ply", "npz", "pcd"):
+        page.select_option("#format", format_)
         with page.expect_download() as caught:
-            page.click(selector)
+            page.click("#download")
         saved = tmp_path / format_
         caught.value.save_as(saved)
         expected = running.client.get(job["links"]["result"], params={"format": format_}).content

@@ -10,6 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from pcdnf.file_formats import available, titles
 from service.pages import DOCS_POLICY, FOLDER, POLICY
 
 ROOT = Path(__file__).parents[2]
@@ -68,6 +69,12 @@ def test_modules_import_what_is_there() -> None:
     for module in modules:
         for name in re.findall(r'from "(.*?)"', module.read_text()):
             assert (FOLDER / name).is_file(), f"{module.name}: {name}"
+
+
+def test_the_page_names_every_format(api: httpx.Client) -> None:
+    page = api.get("/").text
+    assert f">{titles()}<" in page
+    assert re.findall(r'<option value="(.*?)">', page) == available()
 
 
 def test_the_sample_is_that_of_the_examples(api: httpx.Client) -> None:
