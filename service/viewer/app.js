@@ -131,16 +131,20 @@ function offer() {
   $("download").href = `${current.links.result.slice(1)}?format=${$("format").value}`;
 }
 
-/** With a key the browser cannot follow the link by itself: fetch the file, then hand it over. */
+/** See that the file can be had, so that a problem is shown in words, then let the browser fetch it. */
 async function download(event) {
-  if (!key()) return;
   event.preventDefault();
   const anchor = event.currentTarget;
   if (anchor.ariaBusy === "true") return;
   anchor.ariaBusy = "true";
+  const address = anchor.getAttribute("href");
   try {
-    const response = await request(anchor.getAttribute("href"));
-    keep(await response.blob(), `${current.upload.name ?? "cloud"}_denoised.${$("format").value}`);
+    if (key()) { // which the browser would not send by itself
+      keep(await (await request(address)).blob(), `${current.upload.name ?? "cloud"}_denoised.${$("format").value}`);
+    } else {
+      await request(address, { headers: { Range: "bytes=0-0" }, cache: "no-store" });
+      Object.assign(document.createElement("a"), { href: address, download: "" }).click();
+    }
   } catch (error) {
     say(error.detail ? `${error.detail} ${error.hint ?? ""}` : String(error));
   } finally {

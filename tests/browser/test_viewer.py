@@ -211,6 +211,16 @@ def test_an_unknown_job(running: Service, make_page: MakePage) -> None:
     wait_state(page, "empty")
 
 
+def test_a_download_that_is_gone_says_why(running: Service, make_page: MakePage, tmp_path: Path) -> None:
+    job = running.wait_status(running.submit(write_sphere(tmp_path / "gone.ply", 500))["id"], "succeeded")
+    page = make_page(_base(running), expected="404")
+    page.goto(f"/#/jobs/{job['id']}")
+    wait_state(page, "result")
+    running.client.delete(f"/jobs/{job['id']}")
+    page.click("#download")
+    expect(page.locator("#toast")).to_contain_text("There is no such job.")
+
+
 def test_cancel(running: Service, make_page: MakePage, tmp_path: Path) -> None:
     page = make_page(_base(running))
     page.goto("/")
