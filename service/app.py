@@ -263,7 +263,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_class=Response,
         dependencies=[Depends(only_query())],
-        responses=DISPLAY_RESPONSES | errors(401, 404, 409, 410, 422),
+        responses=DISPLAY_RESPONSES | errors(401, 404, 409, 410, 422, 429),
     )
     def display(request: Request, state: StateIn, job: JobIn) -> Response:
         """Return what the page at `/` draws: at most a million points before and after, as binary glTF."""

@@ -81,7 +81,7 @@ def respond_display(request: Request, job: Job, storage: Storage) -> Response:
             hint="Download the result, or submit the file again.",
         )
     headers = {"ETag": f'"{job.id}"', "Cache-Control": "private, no-cache"}  # a job's file never changes
-    if _matches(request.headers.get("if-none-match"), headers["ETag"]):
+    if matches(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     _ignore_range(request)
     return FileResponse(path, headers=headers, media_type="model/gltf-binary")
