@@ -269,7 +269,7 @@ def _finished(runtime: Runtime, job: Job) -> Outcome:
         before=given.points,
         after=merged["points"],
         raw_normals=load_arrays(runtime, job.id, RAW_NORMALS)["normals"],
-        normals=merged["normals"],
+        normals=normals,
         colour=colours(given),
     )
     runtime.storage.put(scratch, job_file(job.id, DISPLAY))

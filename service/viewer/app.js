@@ -117,13 +117,20 @@ async function show(job, signal) {
   $("stage").dataset.drawing = String(display !== null);
   if (display) controls.load(display);
   showNumbers($("numbers"), job, display);
-  $("format").value = job.upload.format;
+  choose(job.upload.format);
   offer();
   const expires = new Date(job.expires_at);
   $("kept").textContent = `Full precision. Kept until ${expires.toLocaleString([], { dateStyle: "medium", timeStyle: "short" })}.`;
   $("warnings").replaceChildren(...job.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
   document.title = `${fileName(job)} · PCDNF`;
   announce("The result is shown.");
+}
+
+/** Choose a format; one that not every service knows is known to this one, since the file came in it. */
+function choose(format) {
+  const known = [...$("format").options].some(({ value }) => value === format);
+  if (!known) $("format").append(new Option(format.toUpperCase(), format));
+  $("format").value = format;
 }
 
 /** Let the download be in the format that is chosen. */

@@ -36,11 +36,12 @@ export function rows(job, display) {
     ["95 %", value(display.displacement.p95), ""],
   ];
   const took = (Date.parse(job.finished_at) - Date.parse(job.started_at)) / 1000;
-  const { execution, parameters } = job;
+  const { execution } = job;
+  const passes = execution.plan?.radii.length;
   return [
     ...points,
     ...(moved ?? []),
-    ["Time", seconds(took), parameters.iterations === 1 ? "one pass" : `${parameters.iterations} passes`],
+    ["Time", seconds(took), passes ? `${passes} ${passes === 1 ? "pass" : "passes"}` : ""],
     ["Device", execution.device, execution.cpu_fallback ? "no GPU found" : ""],
     ["Model", execution.model, ""],
   ];

@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from pcdnf.file_formats import available, titles
+from pcdnf.file_formats import FORMATS
 from service.pages import DOCS_POLICY, FOLDER, POLICY
 
 ROOT = Path(__file__).parents[2]
@@ -71,10 +71,12 @@ def test_modules_import_what_is_there() -> None:
             assert (FOLDER / name).is_file(), f"{module.name}: {name}"
 
 
-def test_the_page_names_every_format(api: httpx.Client) -> None:
+def test_the_page_names_every_format_that_needs_no_library(api: httpx.Client) -> None:
     page = api.get("/").text
-    assert f">{titles()}<" in page
-    assert re.findall(r'<option value="(.*?)">', page) == available()
+    always = {name: known.title for name, known in FORMATS.items() if not known.library}
+    assert re.findall(r'<option value="(.*?)">(.*?)</option>', page) == list(always.items())
+    *titles, last = always.values()
+    assert f">{', '.join(titles)} or {last}<" in page
 
 
 def test_the_sample_is_that_of_the_examples(api: httpx.Client) -> None:
