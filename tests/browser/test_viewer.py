@@ -33,7 +33,7 @@ RECORD = """() => {
 @pytest.fixture(scope="module")
 def done(running: Service, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A finished job of a coloured, flattened sphere."""
-    noise = 0.4 * np.random.default_rng(1).normal(size=(20_000, 3))
+    noise = 0.8 * np.random.default_rng(1).normal(size=(20_000, 3))
     points = (sphere(20_000) * [40, 30, 20] + noise + [1000, 0, 500]).astype(np.float32)
     colour = {"red": np.full(len(points), 200, np.uint8), "green": np.full(len(points), 30, np.uint8),
               "blue": np.where(points[:, 0] > 1000, 255, 0).astype(np.uint8)}  # fmt: skip
@@ -239,7 +239,7 @@ def test_a_million_points(running: Service, make_page: MakePage, tmp_path: Path)
     normals = points / length
     target = running.data / "jobs" / job["id"] / "display.glb"
     write_display(target, before=points, after=normals, raw_normals=normals, normals=normals, colour=None)
-    page = make_page(_base(running))
+    page = make_page(_base(running), size=(900, 700))
     page.goto(f"/#/jobs/{job['id']}")
     wait_state(page, "result")
     assert "1 200 000" in page.locator("#numbers").inner_text()

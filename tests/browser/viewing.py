@@ -49,7 +49,9 @@ def canvas(page: Page) -> Picture:
     page.wait_for_timeout(600)
     show = "value => document.querySelectorAll('#stage > :not(canvas)').forEach(e => e.style.visibility = value)"
     page.evaluate(show, "hidden")
-    data = page.locator("#canvas").screenshot()
+    box = page.locator("#canvas").bounding_box()
+    assert box is not None
+    data = page.screenshot(clip=box, timeout=120_000)
     page.evaluate(show, "")
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(np.int16)
 
