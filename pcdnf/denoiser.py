@@ -119,7 +119,7 @@ class Denoiser:
         device : str
             "auto" takes the first GPU, else the CPU; or "cpu", "cuda", "cuda:N".
         precision : {"auto", "float32", "bfloat16"}
-            "auto" takes bfloat16 where the device computes it natively and the network gains by it.
+            "auto" takes bfloat16 where the device computes it natively.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class Denoiser:
         """
         info, state = load_checkpoint(name_or_path)
         device = choose_device(device)
-        precision = choose_precision(precision, device=device, kind=info.kind)
+        precision = choose_precision(precision, device=device)
         network = build_network(info.kind, info.config)
         network.load_state_dict(state)
         return cls(network, Recipe(**info.recipe), info=info, device=device, precision=precision)

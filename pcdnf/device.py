@@ -6,9 +6,6 @@ import torch
 
 from .errors import PcdnfError
 
-GAINS_BY_BFLOAT16 = ("pcdnf", "lite")
-"""Networks that are faster in it where the device multiplies it natively."""
-
 
 class DeviceError(PcdnfError):
     """A device or a precision this machine does not have."""
@@ -47,7 +44,7 @@ def has_native_bfloat16(device: str) -> bool:
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
 
 
-def choose_precision(name: str, *, device: str, kind: str) -> str:
+def choose_precision(name: str, *, device: str) -> str:
     """ "auto", "float32" or "bfloat16" to one of the last two.
 
     Raises
@@ -56,7 +53,7 @@ def choose_precision(name: str, *, device: str, kind: str) -> str:
         Unknown name.
     """
     if name == "auto":
-        return "bfloat16" if kind in GAINS_BY_BFLOAT16 and has_native_bfloat16(device) else "float32"
+        return "bfloat16" if has_native_bfloat16(device) else "float32"
     if name not in ("float32", "bfloat16"):
         raise DeviceError(
             f"There is no precision called {name!r}.",

@@ -23,8 +23,7 @@ def test_a_gpu_that_is_not_there_is_refused() -> None:
 
 def test_precision() -> None:
     native = has_native_bfloat16("cpu")
-    assert choose_precision("auto", device="cpu", kind="pcdnf") == ("bfloat16" if native else "float32")
-    assert choose_precision("auto", device="cpu", kind="lite") == "float32"
-    assert choose_precision("bfloat16", device="cpu", kind="lite") == "bfloat16"
+    assert choose_precision("auto", device="cpu") == ("bfloat16" if native else "float32")
+    assert choose_precision("bfloat16", device="cpu") == "bfloat16"
     with pytest.raises(DeviceError, match="no precision called 'fp8'"):
-        choose_precision("fp8", device="cpu", kind="lite")
+        choose_precision("fp8", device="cpu")
