@@ -99,7 +99,7 @@ def test_the_halves_are_before_and_after(running: Service, make_page: MakePage, 
     page.click("#flip")
     before = canvas(page)
     assert min(share_drawn(before), share_drawn(after)) > 0.1
-    assert share_different(before, after) > 0.05
+    assert share_different(before, after) > 0.02  # the same picture twice: below 0.001
     middle = split.shape[1] // 2
     left, right = np.s_[:, : middle - 2], np.s_[:, middle + 2 :]
     assert share_different(split[left], before[left]) < 0.001
