@@ -189,7 +189,8 @@ def render_panels(
         elif detail is not None:
             _paste_detail(part, cloud, camera, detail)
         picture.paste(part, (place % columns * width, place // columns * height))
-    _finish(picture, title, columns, rows)
+    low_left = detail is not None and detail.corner[0] < _LENS and detail.corner[1] > _LENS
+    _finish(picture, title, columns, rows, at_the_right=low_left)
     picture.save(Path(path), format="PNG", optimize=True)
 
 
@@ -296,7 +297,7 @@ def _write_label(panel: Pictures.Image, label: str, caption: str, colour: tuple[
     pen.text((margin, margin + height * 0.058), caption, fill=_GREY, font=small)
 
 
-def _finish(picture: Pictures.Image, title: str | None, columns: int, rows: int) -> None:
+def _finish(picture: Pictures.Image, title: str | None, columns: int, rows: int, *, at_the_right: bool) -> None:
     width, height = picture.size
     pen = ImageDraw.Draw(picture)
     for column in range(1, columns):
@@ -307,4 +308,5 @@ def _finish(picture: Pictures.Image, title: str | None, columns: int, rows: int)
         tall = height / rows
         margin = int(tall * _MARGIN)
         foot = height // rows - margin  # of the first row: the maps have their legends at the foot
-        pen.text((margin, foot), title, fill=_GREY, font=ImageFont.load_default(tall * 0.024), anchor="ls")
+        column, anchor = (width // columns - margin, "rs") if at_the_right else (margin, "ls")
+        pen.text((column, foot), title, fill=_GREY, font=ImageFont.load_default(tall * 0.024), anchor=anchor)

@@ -127,3 +127,14 @@ def test_named_views(view: str, up: str) -> None:
 def test_from_the_front_x_runs_right_and_z_up() -> None:
     camera = named("front", "z", sphere())
     np.testing.assert_allclose(camera.axes, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
+
+
+def test_the_title_keeps_clear_of_the_detail(tmp_path: Path) -> None:
+    plane = np.random.default_rng(0).uniform(-1, 1, size=(COUNT, 2))
+    corner = plane[plane.sum(axis=1) > -0.6]  # nothing at the lower left, where the detail goes
+    write(tmp_path / "corner.ply", PointCloud(points=np.c_[corner, np.zeros(len(corner))]))
+    view = ["--view", "front", "--up", "y", "--size", "300x300", "--labels", " "]
+    without = drawn(tmp_path, str(tmp_path / "corner.ply"), *view, "--title", "")
+    titled = drawn(tmp_path, str(tmp_path / "corner.ply"), *view, "--title", "Title")
+    _, columns = np.nonzero((titled != without).any(axis=2))
+    assert columns.min() > 200
