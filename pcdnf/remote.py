@@ -208,8 +208,8 @@ def _wants_cancel(ids: list[str]) -> bool:
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     what = f"job {ids[0]}" if len(ids) == 1 else f"{len(ids)} jobs"
-    print(f"\nInterrupted. Cancel {what}, or leave running? [c/L] ", end="", file=sys.stderr, flush=True)
     try:
+        print(f"\nInterrupted. Cancel {what}, or leave running? [c/L] ", end="", file=sys.stderr, flush=True)
         return sys.stdin.readline().strip().lower() in ("c", "cancel")
     except KeyboardInterrupt:
         print(file=sys.stderr)

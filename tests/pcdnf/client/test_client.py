@@ -195,7 +195,7 @@ def test_an_altered_download_is_refused_and_leaves_nothing(proxy: Proxy, cloud: 
 
 def test_cancelling(url: str, tmp_path: Path) -> None:
     with Client(url) as client:
-        job = client.submit(write_sphere(tmp_path / "large.ply", 30_000), LONG)
+        job = client.submit(write_sphere(tmp_path / "large.ply", 8000), LONG)
         with pytest.raises(TimeoutError, match="has not ended after 0 seconds"):
             client.wait(job.id, timeout=0)
         with pytest.raises(JobError, match=r"is (queued|running)"):
@@ -229,7 +229,7 @@ def test_models(url: str) -> None:
 
 
 def test_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, proxy: Proxy) -> None:
-    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start(ready=False)
+    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start()
     try:
         address = str(keyed.client.base_url)
         with Client(address) as client, pytest.raises(ProblemError, match="asks for a key"):

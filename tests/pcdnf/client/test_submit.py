@@ -166,7 +166,7 @@ def test_detached_jobs_are_listed_resumed_and_removed(
 
 def test_a_key_from_a_file_is_never_shown(tmp_path: Path, cloud: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "key").write_text("opensesame-opensesame\n")
-    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start(ready=False)
+    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start()
     try:
         address = str(keyed.client.base_url)
         with_key = ["--url", address, "--key-file", tmp_path / "key"]
@@ -204,7 +204,7 @@ def ids(url: str) -> set[str]:
 
 def test_ctrl_c_without_a_terminal_leaves_the_job_and_says_how_to_go_on(url: str, tmp_path: Path) -> None:
     before = ids(url)
-    scan = write_sphere(tmp_path / "scan.ply", 6000)
+    scan = write_sphere(tmp_path / "scan.ply", 3000)
     process = subprocess.Popen(
         command(url, scan, "-o", tmp_path / "out.ply", "--iterations", "4", "--json"),
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -223,13 +223,13 @@ def test_ctrl_c_without_a_terminal_leaves_the_job_and_says_how_to_go_on(url: str
     assert json.loads(out)["state"] in ("queued", "running")
     assert not (tmp_path / "out.ply").exists()
     assert run("submit", "--resume", job_id, "-o", tmp_path / "out.ply", "--url", url, "--quiet") == 0
-    assert len(read(tmp_path / "out.ply")) == 6000
+    assert len(read(tmp_path / "out.ply")) == 3000
 
 
 @pytest.mark.parametrize(("answer", "ended"), [(b"c\n", True), (b"\n", False), (b"\x03", False)])
 def test_ctrl_c_on_a_terminal_asks(url: str, tmp_path: Path, answer: bytes, ended: bool) -> None:
     before = ids(url)
-    scan = write_sphere(tmp_path / "scan.ply", 30_000)
+    scan = write_sphere(tmp_path / "scan.ply", 8000)
     terminal, inner = pty.openpty()
 
     def at_the_terminal() -> None:
@@ -237,17 +237,20 @@ def test_ctrl_c_on_a_terminal_asks(url: str, tmp_path: Path, answer: bytes, ende
         os.login_tty(inner)
 
     arguments = command(url, scan, "-o", tmp_path / "out.ply", *LONG)
-    process = subprocess.Popen(arguments, preexec_fn=at_the_terminal)
-    os.close(inner)
-    shown = until(terminal, b"denoise:")
-    assert b"scan.ply: upload" in shown
-    os.write(terminal, b"\x03")
-    question = until(terminal, b"[c/L] ")
-    assert b"Cancel job " in question
-    os.write(terminal, answer)
-    rest = until(terminal, None)
-    assert process.wait(30) == 130
-    os.close(terminal)
+    with subprocess.Popen(arguments, preexec_fn=at_the_terminal) as process:
+        os.close(inner)
+        try:
+            shown = until(terminal, b"denoise:")
+            assert b"scan.ply: upload" in shown
+            os.write(terminal, b"\x03")
+            question = until(terminal, b"[c/L] ")
+            assert b"Cancel job " in question
+            os.write(terminal, answer)
+            rest = until(terminal, None)
+            assert process.wait(30) == 130
+        finally:
+            process.kill()
+            os.close(terminal)
     job_id = only_new(url, before)
     with Client(url) as client:
         if ended:
@@ -260,7 +263,7 @@ def test_ctrl_c_on_a_terminal_asks(url: str, tmp_path: Path, answer: bytes, ende
             client.wait(job_id)
 
 
-def until(terminal: int, word: bytes | None, seconds: float = 20) -> bytes:
+def until(terminal: int, word: bytes | None, seconds: float = 90) -> bytes:
     """Read a terminal until a word appears, or the program ends."""
     shown = b""
     deadline = time.monotonic() + seconds
