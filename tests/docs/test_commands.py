@@ -129,12 +129,9 @@ def check(words: list[str]) -> None:
     elif program.startswith("scripts/"):
         assert os.access(ROOT / program, os.X_OK), program
     elif program == "python":
-        helped = subprocess.run(
-            [sys.executable, ROOT / rest[0], "--help"], cwd=ROOT, capture_output=True, text=True, timeout=SECONDS
-        )
-        assert helped.returncode == 0, helped.stderr
+        source = (ROOT / rest[0]).read_text()
         options = [word.partition("=")[0] for word in rest if word.startswith("--")]
-        assert [option for option in options if option not in helped.stdout] == []
+        assert [option for option in options if f'"{option}"' not in source] == []
     elif words[:2] == ["pip", "install"]:
         extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
         named = re.findall(r"(?:\.|pcdnf)\[([\w,]+)\]", " ".join(rest))
