@@ -60,7 +60,9 @@ def scan(denoiser: Denoiser, folder: Path) -> None:
     after, facts = denoised(denoiser, cloud)
     print("scan:", facts)
     captions = (f"{len(cloud):,} points", "all parameters automatic")
-    render_comparison(cloud, after, folder / "scan.png", size=(860, 560), captions=captions, inset=False, coloured=False)
+    render_comparison(
+        cloud, after, folder / "scan.png", size=(860, 560), captions=captions, inset=False, coloured=False
+    )
     shrink(folder / "scan.png")
     render_comparison(cloud, after, folder / "scan_colours.png", size=(860, 560), inset=False)
     shrink(folder / "scan_colours.png")
