@@ -124,7 +124,7 @@ def raw_normals(
     normals = np.asarray(given, np.float64)
     length = np.linalg.norm(normals, axis=1)
     usable = np.isfinite(length) & (length > 1e-12)
-    unit = np.where(usable[:, None], normals, 0) / np.where(usable, length, 1)[:, None]
+    unit: NDArray[np.floating] = np.where(usable[:, None], normals, 0) / np.where(usable, length, 1)[:, None]
     if replace:
         unit = unit_towards(estimated(), unit)
     elif not usable.all():

@@ -138,14 +138,14 @@ def _cut(data: bytes, layout: Layout, first: int) -> Block | None:
             actual=int(counts[wrong[0]]),
         )
     if layout.separator in b" \t":
-        starts, stops = starts.reshape(len(rows), -1), stops.reshape(len(rows), -1)
+        low, high = starts.reshape(len(rows), -1), stops.reshape(len(rows), -1)
     else:
-        marks = marks.reshape(len(rows), -1)
-        starts = np.concatenate([begins[rows, None], marks + 1], axis=1)
-        stops = np.concatenate([marks, ends[rows, None]], axis=1)
-    if int((stops - starts).max()) > MAX_TOKEN_BYTES:
+        inner = marks.reshape(len(rows), -1)
+        low = np.concatenate([begins[rows, None], inner + 1], axis=1)
+        high = np.concatenate([inner, ends[rows, None]], axis=1)
+    if int((high - low).max()) > MAX_TOKEN_BYTES:
         _not_text(f"A value is longer than {MAX_TOKEN_BYTES} characters", MAX_TOKEN_BYTES)
-    return Block(octets, starts, stops, first)
+    return Block(octets, low, high, first)
 
 
 def _not_text(what: str, limit: int | None) -> NoReturn:
