@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,7 @@ def test_a_request_in_the_middle_of_its_upload(make_api: MakeApi, small: Path) -
 
     def slowly() -> Iterator[bytes]:
         yield content[:1000]
+        time.sleep(1)  # until the service has begun with it
         second = api.post("/denoise", content=content, headers=headers)
         assert _code(second) == (409, "idempotency_key_in_use")
         assert int(second.headers["retry-after"]) > 0
