@@ -112,7 +112,8 @@ def main() -> None:
                     raise SystemExit(f"{problem['detail']} {problem.get('hint') or ''}")
                 began = time.monotonic()
                 job = follow(client, answer.json())
-                print(f"denoised in {time.monotonic() - began:.1f} s, {arguments.iterations} iterations")
+                passes = len(job["execution"]["plan"]["radii"])
+                print(f"denoised in {time.monotonic() - began:.1f} s; passes over the cloud: {passes}")
                 result = client.get(job["links"]["result"]).raise_for_status()
         finally:
             process.terminate()

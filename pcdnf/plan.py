@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +15,11 @@ from .cloud import Frame
 from .patches import Recipe
 from .scale import Scale, estimate_scale
 
-CLEAN, HEAVY = 0.3, 6.0
+CLEAN, HEAVY = 0.1, 6.0
 """Noise in spacings below which one iteration is enough, and above which a third one gains."""
+USUAL, SMALL = 200, 0.04
+"""Points that a ball shall hold even where the noise seems slight, while it stays below this share of the diagonal: the
+steps of a depth camera look like clean surface to a smaller one."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,9 @@ def make_plan(
         ratio = scale.noise / max(scale.spacing, 1e-12)
         count = 1 if ratio < CLEAN else 2 if ratio < HEAVY else 3
     if length is None:
-        first = recipe.adaptive_radius(scale) if recipe.adaptive else recipe.radius
+        first = recipe.radius
+        if recipe.adaptive:
+            first = max(recipe.adaptive_radius(scale), min(scale.spacing * math.sqrt(USUAL / math.pi), SMALL))
         first = first or recipe.radius  # where most points are copies of one another
         radii = (first, *[first * recipe.later] * (count - 1))
     else:
