@@ -98,7 +98,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.workers = Workers(engine)
     children = Children(settings)
     app.state.inspector = Inspector(children, settings)
-    app.state.converter = Converter(children, app.state.jobs, storage, settings)
+    app.state.converter = Converter(children, app.state.jobs, storage, app.state.retention)
     try:
         yield
     finally:

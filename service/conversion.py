@@ -10,9 +10,11 @@ from .children import Children
 from .inspection import file_problem
 from .job import Job
 from .jobs import Jobs
-from .settings import Settings
+from .problems import disk_full
+from .retention import Retention
 from .storage import Storage, job_file, sha256
-from .uploads import disk_full
+
+GROWTH = 2  # room made for a format, in sizes of the one that came in
 
 
 class Converter:
@@ -23,12 +25,12 @@ class Converter:
     children : Children
     jobs : Jobs
     storage : Storage
-    settings : Settings
-        For the disk space to leave free.
+    retention : Retention
+        Makes room for what is written.
     """
 
-    def __init__(self, children: Children, jobs: Jobs, storage: Storage, settings: Settings) -> None:
-        self._children, self._jobs, self._storage, self._settings = children, jobs, storage, settings
+    def __init__(self, children: Children, jobs: Jobs, storage: Storage, retention: Retention) -> None:
+        self._children, self._jobs, self._storage, self._retention = children, jobs, storage, retention
         self._turn = asyncio.Lock()
 
     async def with_format(self, job: Job, format_: str) -> Job:
@@ -48,11 +50,12 @@ class Converter:
     async def _convert(self, job: Job, format_: str) -> Job:
         results = job.results or {}
         own = job.upload["format"]
-        if self._storage.free_bytes() < self._settings.min_free_bytes + 2 * results[own]["size"]:
-            raise disk_full()
+        await run_in_threadpool(self._retention.make_room, GROWTH * results[own]["size"], keep=job.id)
         source, scratch = self._storage.local(job_file(job.id, f"result.{own}")), self._storage.scratch()
         try:
             answer = await self._children.ask("pcdnf.formats.convert", str(source), str(scratch), format_)
+            if answer.get("code") == "disk_full":
+                raise disk_full()
             if not answer["ok"]:
                 raise file_problem(answer)
             facts = {"size": scratch.stat().st_size, "sha256": await run_in_threadpool(sha256, scratch)}

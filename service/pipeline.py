@@ -31,7 +31,7 @@ from .job import Job
 from .models import denoise_tile
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime
-from .storage import DISPLAY, UPLOAD, job_file, sha256
+from .storage import DISPLAY, UPLOAD, job_file, sha256, writing
 from .work import (
     RAW_NORMALS,
     Progress,
@@ -251,9 +251,10 @@ def _finished(runtime: Runtime, job: Job) -> Outcome:
     warnings = list(given.warnings)
     results = {}
     for name in dict.fromkeys((given.flavour.format, *STORED)):
-        scratch = runtime.storage.scratch()
         try:
-            notes = write(scratch, cloud, format=name)
+            with writing(runtime.storage, job_file(job.id, result_name(name))) as path:
+                notes = write(path, cloud, format=name)
+                facts = {"size": path.stat().st_size, "sha256": sha256(path)}
         except PcdnfError as error:
             if name == given.flavour.format:
                 raise
@@ -261,18 +262,16 @@ def _finished(runtime: Runtime, job: Job) -> Outcome:
             warnings.append(f"There is no {FORMATS[name].title} result. {error}")
             continue
         warnings += notes
-        results[name] = {"size": scratch.stat().st_size, "sha256": sha256(scratch)}
-        runtime.storage.put(scratch, job_file(job.id, result_name(name)))
-    scratch = runtime.storage.scratch()
-    write_display(
-        scratch,
-        before=given.points,
-        after=merged["points"],
-        raw_normals=load_arrays(runtime, job.id, RAW_NORMALS)["normals"],
-        normals=normals,
-        colour=colours(given),
-    )
-    runtime.storage.put(scratch, job_file(job.id, DISPLAY))
+        results[name] = facts
+    with writing(runtime.storage, job_file(job.id, DISPLAY)) as path:
+        write_display(
+            path,
+            before=given.points,
+            after=merged["points"],
+            raw_normals=load_arrays(runtime, job.id, RAW_NORMALS)["normals"],
+            normals=normals,
+            colour=colours(given),
+        )
     lost = int(merged["flagged"].sum())
     if lost:
         warnings.append(f"{lost} points had too few neighbours and are returned as they came.")

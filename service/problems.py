@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import logging
+import sqlite3
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -166,6 +168,13 @@ def from_validation(errors: list[Any]) -> Problem:
     return Problem("invalid_parameters", detail, hint="See /docs for the parameters.", errors=faults)
 
 
+def disk_full() -> Problem:
+    """Return the problem of what does not fit on the disk."""
+    return Problem(
+        "disk_full", "There is not enough disk space for this.", hint="Try again later.", headers={"Retry-After": "60"}
+    )
+
+
 def install(app: FastAPI) -> None:
     """Answer every exception of `app` with a problem."""
 
@@ -183,9 +192,17 @@ def install(app: FastAPI) -> None:
         return from_validation(located).response(request)
 
     async def on_database(request: Request, error: Exception) -> JSONResponse:
+        if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+            return disk_full().response(request)
         log.error("database error on %s: %s", request.url.path, type(error).__name__, exc_info=error)
         problem = Problem("database_unavailable", "The job database did not answer.", headers={"Retry-After": "5"})
         return problem.response(request)
+
+    async def on_system(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, OSError)
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise error
+        return disk_full().response(request)
 
     async def on_error(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
         problem = Problem(
@@ -197,4 +214,5 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, on_http)
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(SQLAlchemyError, on_database)
+    app.add_exception_handler(OSError, on_system)
     app.add_exception_handler(Exception, on_error)

@@ -53,8 +53,14 @@ class Retention:
         self._storage.clear_scratch(24 * ORPHAN_SECONDS)
         return len(expired)
 
-    def make_room(self, wanted: int = 0) -> None:
+    def make_room(self, wanted: int = 0, *, keep: str | None = None) -> None:
         """Let the oldest results expire now until `wanted` bytes fit; none of them where that would not be enough.
+
+        Parameters
+        ----------
+        wanted : int
+        keep : str, optional
+            A job that must not go.
 
         Raises
         ------
@@ -69,7 +75,7 @@ class Retention:
             return
         query = (
             sa.select(table.c.id)
-            .where(table.c.status == "succeeded", table.c.purged_at.is_(None))
+            .where(table.c.status == "succeeded", table.c.purged_at.is_(None), table.c.id != (keep or ""))
             .order_by(table.c.finished_at, table.c.id)
         )
         with self._engine.connect() as connection:
@@ -78,7 +84,7 @@ class Retention:
             limit, actual = (self._budget, used + wanted) if over == short else (free, self._min_free + wanted)
             raise Problem(
                 "disk_full",
-                "There is not enough disk space for the upload.",
+                "There is not enough disk space for this.",
                 hint="Delete jobs that you no longer need, or try again later.",
                 headers={"Retry-After": "60"},
                 limit=limit,

@@ -12,7 +12,7 @@ import shutil
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -29,6 +29,17 @@ def sha256(path: Path) -> str:
 def job_file(job_id: str, name: str) -> str:
     """Return the name in storage of one file of a job."""
     return f"jobs/{job_id}/{name}"
+
+
+@contextmanager
+def writing(storage: Storage, name: str) -> Iterator[Path]:
+    """Give a local file to write, which becomes `name`, or is removed where the writing fails."""
+    scratch = storage.scratch()
+    try:
+        yield scratch
+        storage.put(scratch, name)
+    finally:
+        scratch.unlink(missing_ok=True)
 
 
 class Storage(Protocol):

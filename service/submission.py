@@ -65,7 +65,6 @@ async def _queue(
 ) -> Job:
     found = await state.inspector.inspect(path, parameters, text=upload.is_text)
     job_id = new_id()
-    await run_in_threadpool(state.storage.put, path, job_file(job_id, UPLOAD))
 
     def bind(connection: sa.Connection) -> None:
         if claim is not None:
@@ -74,6 +73,7 @@ async def _queue(
 
     def submit() -> Job:
         try:
+            state.storage.put(path, job_file(job_id, UPLOAD))
             return state.jobs.submit(
                 job_id,
                 owner=owner,
@@ -88,7 +88,7 @@ async def _queue(
                 warnings=found.warnings,
                 also=bind,
             )
-        except Problem:  # refused: nothing was committed
+        except (Problem, OSError):  # refused, or the disk is full: nothing was committed
             state.storage.delete_job(job_id)
             raise
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import re
@@ -64,7 +63,7 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
     Raises
     ------
     Problem
-        408, 413, 415, 422 or 503; `path` is removed then, and when the caller goes away.
+        408, 413, 415 or 422; `path` is removed then, and when the caller goes away or the disk is full.
     """
     kind, options = parse_options_header(request.headers.get("content-type", ""))
     content_type = kind.decode("latin-1").lower()
@@ -79,24 +78,12 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
         path.unlink(missing_ok=True)
         if isinstance(error, ClientDisconnect):
             raise Problem("bad_request", "The connection closed before the upload was complete.") from error
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise disk_full() from error
         raise
     if upload.size == 0:
         path.unlink(missing_ok=True)
         raise Problem("empty_upload", "The upload has no bytes.", hint=f"Send {titles()}.")
     upload.is_text |= content_type in TEXT_TYPES
     return upload
-
-
-def disk_full() -> Problem:
-    """Return the problem of an upload that does not fit on the disk."""
-    return Problem(
-        "disk_full",
-        "There is not enough disk space for the upload.",
-        hint="Try again later.",
-        headers={"Retry-After": "60"},
-    )
 
 
 def declared_bytes(request: Request) -> int:

@@ -18,7 +18,7 @@ from pcdnf.outliers import drop_outliers
 
 from .job import Job
 from .runtime import Runtime
-from .storage import UPLOAD, job_file
+from .storage import UPLOAD, job_file, writing
 
 RAW_NORMALS = "raw-normals.npz"
 POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
@@ -41,10 +41,8 @@ def result_name(format_: str) -> str:
 
 def store_arrays(runtime: Runtime, job_id: str, name: str, **arrays: NDArray[Any]) -> None:
     """Store arrays durably under a name of the job."""
-    scratch = runtime.storage.scratch()
-    with scratch.open("wb") as file:
+    with writing(runtime.storage, job_file(job_id, name)) as path, path.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
-    runtime.storage.put(scratch, job_file(job_id, name))
 
 
 def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[Any]]:

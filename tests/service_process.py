@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import socket
@@ -9,8 +10,9 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import httpx
 import numpy as np
@@ -52,7 +54,13 @@ class Served:
 
 
 class Service:
-    """``python -m service`` in a folder of its own."""
+    """``python -m service`` in a folder of its own.
+
+    One that is not stopped, because a test failed before, is killed: after the test that started it (``conftest.py``),
+    or at the end of this process.
+    """
+
+    alive: ClassVar[set[Service]] = set()
 
     def __init__(self, folder: Path, **settings: Any) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,6 +79,14 @@ class Service:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "service"], env=self.environment, stdout=log, stderr=log
             )
+        Service.alive.add(self)
+        try:
+            return self._started(begin, ready)
+        except BaseException:
+            self.kill()
+            raise
+
+    def _started(self, begin: int, ready: bool) -> Service:
         prefix = "PCDNF listens on "
         lines = self._until(
             lambda: [line for line in self.output(begin).splitlines() if line.startswith(prefix)], "address"
@@ -91,13 +107,18 @@ class Service:
         """Return what was logged."""
         return self.log.read_bytes()[begin:].decode()
 
+    def children(self) -> list[int]:
+        """Return the process ids of the supervisor's children."""
+        assert self.process is not None
+        return [
+            int(pid) for pid in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        ]
+
     def child(self, module: str) -> int:
         """Return the process id of ``service.server`` or ``service.worker``."""
-        assert self.process is not None
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        for child in children:
+        for child in self.children():
             if module.encode() in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
+                return child
         raise AssertionError(f"no {module} among the children")
 
     def wait_child(self, module: str, *, other_than: int) -> int:
@@ -119,9 +140,25 @@ class Service:
             return 0
         if self.process.poll() is None:
             self.process.send_signal(number)
-        status = self.process.wait(60)
+        try:
+            status = self.process.wait(60)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise
         self.process = None
+        Service.alive.discard(self)
         return status
+
+    def kill(self) -> None:
+        """End every process of it at once, frozen ones as well."""
+        self.client.close()
+        if self.process is not None and self.process.poll() is None:
+            for pid in (self.process.pid, *self.children()):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            self.process.wait()
+        self.process = None
+        Service.alive.discard(self)
 
     def submit(self, path: Path, **parameters: Any) -> dict[str, Any]:
         """Upload a file and return the job."""
@@ -163,6 +200,13 @@ class Service:
                 return answer
             time.sleep(0.05)
         raise AssertionError(f"waited {seconds} s for {what}:\n{self.output()[-4000:]}")
+
+
+@atexit.register
+def kill_all() -> None:
+    """Leave no process behind."""
+    for service in list(Service.alive):
+        service.kill()
 
 
 def sphere(count: int, seed: int = 0) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -11,6 +11,7 @@ A server calls it for each upload, so that no upload is parsed in the process th
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import resource
 import signal
@@ -57,6 +58,10 @@ def guarded(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
                 hint="Cut the cloud into parts, or thin it out.",
             )
         )
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        return _refusal(FormatError("The disk is full.", code="disk_full", hint="Try again later."))
 
 
 def describe(path: str, limits: Limits, *, text: bool) -> dict[str, Any]:
