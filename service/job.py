@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 from dataclasses import dataclass, fields
 from typing import Any
@@ -45,6 +46,11 @@ class Job:
 def new_id() -> str:
     """Return the id of a new job: 128 random bits in hex."""
     return secrets.token_hex(16)
+
+
+def is_id(text: str) -> bool:
+    """Return whether a caller's text may be the id of a job; not every text may be sent to a database."""
+    return re.fullmatch("[0-9a-f]{32}", text) is not None
 
 
 def as_job(row: sa.RowMapping) -> Job:

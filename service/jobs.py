@@ -17,7 +17,7 @@ from .admission import Admission, Load
 from .database import exclusive, now_ms
 from .database import jobs as table
 from .engine import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER, WORKFLOW
-from .job import FINISHED, Job, as_job
+from .job import FINISHED, Job, as_job, is_id
 from .lanes import lane
 from .outlook import Outlook, outlook
 from .settings import Settings
@@ -109,6 +109,8 @@ class Jobs:
 
     def status(self, job_id: str, owner: str) -> Job | None:
         """Return the job, or None where there is none or it is somebody else's."""
+        if not is_id(job_id):
+            return None
         query = sa.select(table).where(table.c.id == job_id, table.c.owner == owner)
         with self._engine.connect() as connection:
             row = connection.execute(query).mappings().one_or_none()

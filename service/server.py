@@ -11,12 +11,12 @@ from fastapi import FastAPI
 
 from .app import create_app
 from .process import configure_logging, die_with_supervisor, load_settings, refuse
+from .protocol import Protocol
 from .settings import Settings, SettingsError
 
 SOCKET_VARIABLE = "PCDNF_SOCKET_FD"
 BACKLOG = 2048
 KEEP_ALIVE_SECONDS = 15
-MAX_HEADER_BYTES = 32 * 1024
 
 
 class Server(uvicorn.Server):
@@ -28,6 +28,20 @@ class Server(uvicorn.Server):
         assert isinstance(app, FastAPI)
         app.state.watch.close()
         await super().shutdown(sockets)
+
+
+def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
+    """Return how uvicorn serves the application."""
+    return uvicorn.Config(
+        app,
+        http=Protocol,
+        ws="none",
+        log_config=None,
+        access_log=settings.log_level == "debug",
+        server_header=False,
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
+        timeout_graceful_shutdown=int(settings.grace_seconds),
+    )
 
 
 def bind(settings: Settings) -> socket.socket:
@@ -71,18 +85,9 @@ def main() -> None:
         listener = bind(settings) if inherited is None else socket.socket(fileno=int(inherited))
     except SettingsError as error:
         refuse(str(error))
-    config = uvicorn.Config(
-        app,
-        log_config=None,
-        access_log=settings.log_level == "debug",
-        server_header=False,
-        timeout_keep_alive=KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=int(settings.grace_seconds),
-        h11_max_incomplete_event_size=MAX_HEADER_BYTES,
-    )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)  # uvicorn raises the signal again once it has shut down
-    Server(config).run(sockets=[listener])
+    Server(configuration(app, settings)).run(sockets=[listener])
 
 
 if __name__ == "__main__":

@@ -84,6 +84,18 @@ class Settings(BaseSettings):
     )
     concurrent_checks: int = Field(2, ge=1, description="Uploads checked at the same time.")
     max_requests: int = Field(256, ge=1, description="Requests served at the same time; more are answered 503.")
+    max_connections: int = Field(
+        512,
+        ge=1,
+        description="Open connections at the same time; beyond it the one that has been idle longest is closed. "
+        "Keep it below the limit of open files.",
+    )
+    header_seconds: float = Field(
+        10.0, gt=0, description="Seconds in which the headers of a request have to arrive; later ones are answered 408."
+    )
+    send_seconds: float = Field(
+        60.0, gt=0, description="Seconds after which a connection is closed whose caller takes nothing of its answer."
+    )
     max_wait_seconds: int = Field(
         60, ge=0, description="Longest time in seconds that `Prefer: wait=N` holds a request; N above it is cut to it."
     )

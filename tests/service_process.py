@@ -20,6 +20,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from pcdnf.formats import PointCloud, write
+from service.server import configuration
 
 START_SECONDS = 90.0
 ONE_BY_ONE = httpx.Limits(max_keepalive_connections=0)  # a connection each, so that none is closed under a request
@@ -33,7 +34,9 @@ class Served:
         self.app = app
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.address: tuple[str, int] = self.listener.getsockname()
-        self.server = uvicorn.Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=5))
+        served = configuration(app, app.state.settings)
+        served.timeout_graceful_shutdown = 5
+        self.server = uvicorn.Server(served)
         self.thread = threading.Thread(target=self.server.run, kwargs={"sockets": [self.listener]})
         self.client = httpx.Client(
             base_url=f"http://127.0.0.1:{self.address[1]}", timeout=30, trust_env=False, limits=ONE_BY_ONE

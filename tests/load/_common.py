@@ -53,14 +53,14 @@ def patiently(client: httpx.Client, method: str, path: str, seconds: float = 600
         time.sleep(min(5.0, float(response.headers.get("retry-after", 1))))
 
 
-def finished(client: httpx.Client, job_id: str, seconds: float = 600.0) -> dict[str, Any]:
-    """Wait for the end of a job, and return it."""
+def finished(client: httpx.Client, job_id: str, seconds: float = 600.0, pause: float = 0.2) -> dict[str, Any]:
+    """Wait for the end of a job, asking every `pause` seconds, and return it."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         job: dict[str, Any] = patiently(client, "GET", f"/jobs/{job_id}").json()
         if job["status"] in ("succeeded", "failed", "cancelled"):
             return job
-        time.sleep(0.2)
+        time.sleep(pause)
     raise SystemExit(f"job {job_id} did not end within {seconds:g} s")
 
 

@@ -23,7 +23,7 @@ def client_of(service: Service, path: Path, jobs: int) -> list[tuple[dict[str, A
             began = time.monotonic()
             answer = patiently(client, "POST", "/denoise", files={"file": content}, params={"iterations": 1})
             fail_unless(answer.status_code == 202, f"an upload was answered {answer.status_code}: {answer.text}")
-            job = finished(client, answer.json()["id"])
+            job = finished(client, answer.json()["id"], pause=2.0)  # as Retry-After asks for
             size = len(client.get(f"/jobs/{job['id']}/result").content)
             done.append((job, time.monotonic() - began, size))
     return done

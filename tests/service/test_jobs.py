@@ -109,3 +109,10 @@ def test_remove(board: Board) -> None:
     assert board.jobs.status(job.id, "ada") is None
     assert board.engine_state(job) is None
     assert not board.storage.local(job_file(job.id, UPLOAD)).exists()
+
+
+def test_a_text_that_is_no_id_never_reaches_the_database(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = board.submit()
+    monkeypatch.setattr(board.jobs, "_engine", None)
+    for text in ("", "\0", "a\0b", job.id.upper() + "A", job.id + "\n", "\udcff", "٣" * 32, "a" * 100_000):
+        assert board.jobs.status(text, "ada") is None

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,11 +13,13 @@ from sqlalchemy.exc import OperationalError
 
 from service import problems
 from service.problems import CATALOGUE, Problem
+from service.settings import Settings
 
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[httpx.Client]:
     app = FastAPI()
+    app.state.settings = Settings()
     problems.install(app)
 
     @app.get("/number/{value}")
@@ -34,6 +37,10 @@ def client() -> Iterator[httpx.Client]:
     @app.get("/database")
     async def database() -> None:
         raise OperationalError("SELECT secret", {}, Exception("secret"))
+
+    @app.get("/disk/{number}")
+    async def disk(number: int) -> None:
+        raise OSError(number, "secret")
 
     @app.get("/bug")
     async def bug() -> None:
@@ -56,6 +63,8 @@ def client() -> Iterator[httpx.Client]:
         ("GET", "/http/503", 503, "too_busy"),
         ("GET", "/http/418", 418, "bad_request"),
         ("GET", "/database", 503, "database_unavailable"),
+        ("GET", f"/disk/{errno.ENOSPC}", 503, "disk_full"),
+        ("GET", f"/disk/{errno.EACCES}", 500, "internal_error"),
         ("GET", "/bug", 500, "internal_error"),
     ],
 )
