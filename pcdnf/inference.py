@@ -112,10 +112,11 @@ class Inference:
         moves = np.empty((len(centres), 3))
         normals = np.empty((len(centres), 3), np.float32)
         flagged = np.empty(len(centres), bool)
-        for low, patches in self._batches(source, centres):
+        batch = self.batch  # somebody else may halve it meanwhile
+        for low, patches in self._batches(source, centres, batch):
             if should_stop is not None and should_stop():
                 raise Stopped
-            high = min(low + self.batch, len(centres))
+            high = min(low + batch, len(centres))
             index = patches.index[: high - low]
             output = self.network(torch.from_numpy(patches.points), torch.from_numpy(patches.normals))
             move, normal = (
@@ -133,9 +134,9 @@ class Inference:
                 progress(high)
         return TileResult(points[centres] + moves, normals, flagged)
 
-    def _batches(self, source: PatchSource, centres: NDArray[np.int64]) -> Iterator[tuple[int, Patches]]:
+    def _batches(self, source: PatchSource, centres: NDArray[np.int64], batch: int) -> Iterator[tuple[int, Patches]]:
         """Batches of one shape; the last is filled up with its own first centre."""
-        for low in range(0, len(centres), self.batch):
-            chosen = centres[low : low + self.batch]
-            filled = np.concatenate([chosen, np.full(self.batch - len(chosen), chosen[0])])
+        for low in range(0, len(centres), batch):
+            chosen = centres[low : low + batch]
+            filled = np.concatenate([chosen, np.full(batch - len(chosen), chosen[0])])
             yield low, source.take(filled)

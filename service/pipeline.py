@@ -194,11 +194,11 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, start: int, stop: in
     work = prepared(runtime, job, iteration)
     base = iteration * len(work.cloud)
     done, model, name = base + start, job.parameters["model"], tile_name(iteration, start)
-    with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done):
-        progress = Progress(runtime, job, done)
+    with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done) as give_way:
+        progress = Progress(runtime, job, done, give_way)
         began = time.monotonic()
         tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
-        runtime.measured(model, stop - start, time.monotonic() - began)
+        runtime.measured(model, stop - start, time.monotonic() - began - progress.lent)
         store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
         runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.speed(model))
     log.info("job %s iteration %d tile %d-%d done", job.id, iteration, start, stop)

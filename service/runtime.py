@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -55,7 +56,9 @@ class Runtime:
             self.in_hand.discard(job_id)
 
     @contextmanager
-    def at_work(self, job: Job, wanted: Callable[[], None], *, left: int | None = None) -> Iterator[None]:
+    def at_work(
+        self, job: Job, wanted: Callable[[], None], *, left: int | None = None
+    ) -> Iterator[Callable[[], float]]:
         """Work on a job: a tile with `left` points to do, or something that needs no turn.
 
         Parameters
@@ -64,6 +67,11 @@ class Runtime:
         wanted : callable
             Called now and then while the job waits; raises where it is not wanted any more.
         left : int, optional
+
+        Yields
+        ------
+        callable
+            To be called between two batches: lets tiles of smaller jobs go first, and returns the seconds they took.
         """
 
         def poll() -> None:
@@ -77,10 +85,19 @@ class Runtime:
             alone=job.losses > 0,
             waits=lambda: self.attempts.park(job.id),  # should the process die now, this job is not to blame
             poll=poll,
-        ) as waited:
-            if waited:
-                self.attempts.update(job.id, open=True)
-            yield
+        ) as turn:
+
+            def resume(waited: bool) -> None:
+                if waited:
+                    self.attempts.update(job.id, open=True)
+
+            def give_way() -> float:
+                began = time.monotonic()
+                resume(waited := turn.give_way())
+                return time.monotonic() - began if waited else 0.0
+
+            resume(turn.waited)
+            yield give_way
 
     def stop(self) -> None:
         """Let the jobs in hand come to rest after what they are at."""

@@ -1,6 +1,7 @@
 """Which of the jobs in hand computes: one tile at a time, of the job with the least left to do.
 
-Every fourth turn goes to the job that was submitted first, so that a stream of small ones holds nobody up for good.
+A tile that is being computed gives way, between two batches, to one of a job with less left. Every fourth turn goes to
+the job that was submitted first, and then it keeps its turn, so that a stream of small ones holds nobody up for good.
 Reading, preparing, merging and writing need no turn. A job during which the process died before works alone, so that a
 second death tells whose fault it was.
 """
@@ -24,6 +25,16 @@ class Claim:
     submitted: int
     left: int | None
     alone: bool
+    waits: Callable[[], None]
+    poll: Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Work that has begun: whether it had to wait, and a way to let others go first, which tells if it did."""
+
+    waited: bool
+    give_way: Callable[[], bool]
 
 
 class Turns:
@@ -41,6 +52,7 @@ class Turns:
         self._waiting: list[Claim] = []
         self._working: list[Claim] = []
         self._granted = 0
+        self._kept: Claim | None = None  # does not give way
         self._closed = False
 
     @property
@@ -64,7 +76,7 @@ class Turns:
         alone: bool = False,
         waits: Callable[[], None],
         poll: Callable[[], None],
-    ) -> Iterator[bool]:
+    ) -> Iterator[Turn]:
         """Work on a job, as soon as it may.
 
         Parameters
@@ -77,38 +89,58 @@ class Turns:
         alone : bool
             While no other job works.
         waits : callable
-            Called once if the job has to wait.
+            Called whenever the job has to wait.
         poll : callable
             Called every second while it waits; may raise to give up.
 
         Yields
         ------
-        bool
-            Whether it had to wait.
+        Turn
         """
-        claim = Claim(job, submitted, left, alone or self._always_alone)
+        claim = Claim(job, submitted, left, alone or self._always_alone, waits, poll)
         with self._changed:
             self._waiting.append(claim)
         try:
-            waited = not self._begin(claim, 0.0)
-            if waited:
-                waits()
-                while not self._begin(claim, POLL_SECONDS):
-                    poll()
-            yield waited
+            yield Turn(self._wait(claim), lambda: self._give_way(claim))
         finally:
             with self._changed:
                 (self._working if claim in self._working else self._waiting).remove(claim)
                 self._changed.notify_all()
 
+    def _wait(self, claim: Claim) -> bool:
+        if self._begin(claim, 0.0):
+            return False
+        claim.waits()
+        while not self._begin(claim, POLL_SECONDS):
+            claim.poll()
+        return True
+
+    def _give_way(self, claim: Claim) -> bool:
+        with self._changed:
+            if self._closed or claim is self._kept or any(other.alone for other in (*self._waiting, *self._working)):
+                return False
+            if all(other.left is None or other.left >= (claim.left or 0) for other in self._waiting):
+                return False
+            self._working.remove(claim)
+            self._waiting.append(claim)
+            self._changed.notify_all()
+        return self._wait(claim)
+
     def _begin(self, claim: Claim, seconds: float) -> bool:
         with self._changed:
             if not self._changed.wait_for(lambda: self._closed or self._may(claim), seconds) or self._closed:
                 return False
+            if claim.left is not None:
+                contended = any(other.left is not None for other in self._waiting if other is not claim)
+                self._kept = claim if contended and self._oldest_is_next else None
+                self._granted += 1
             self._waiting.remove(claim)
             self._working.append(claim)
-            self._granted += claim.left is not None
             return True
+
+    @property
+    def _oldest_is_next(self) -> bool:
+        return self._granted % OLDEST_EVERY == OLDEST_EVERY - 1
 
     def _may(self, claim: Claim) -> bool:
         if any(other.alone for other in self._working):
@@ -122,6 +154,6 @@ class Turns:
 
     def _next(self) -> Claim:
         tiles = [claim for claim in self._waiting if claim.left is not None]
-        if self._granted % OLDEST_EVERY == OLDEST_EVERY - 1:
+        if self._oldest_is_next:
             return min(tiles, key=lambda claim: claim.submitted)
         return min(tiles, key=lambda claim: (claim.left, claim.submitted))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,11 +76,19 @@ class Progress:
     ----------
     base : int
         Points done before this step, over all iterations.
+    give_way : callable, optional
+        See :meth:`Runtime.at_work`.
+
+    Attributes
+    ----------
+    lent : float
+        Seconds in which tiles of other jobs went first.
     """
 
-    def __init__(self, runtime: Runtime, job: Job, base: int) -> None:
-        self._runtime, self._job, self._base = runtime, job, base
+    def __init__(self, runtime: Runtime, job: Job, base: int, give_way: Callable[[], float] = lambda: 0.0) -> None:
+        self._runtime, self._job, self._base, self._give_way = runtime, job, base, give_way
         self._done = 0
+        self.lent = 0.0
         self._began = self._told = time.monotonic()
 
     def report(self, done: int) -> None:
@@ -88,11 +97,14 @@ class Progress:
 
     def stop(self) -> bool:
         """Return whether the job is not wanted any more; looks once a second."""
+        self.lent += self._give_way()
         now = time.monotonic()
         if now - self._told < POLL_SECONDS:
             return False
         self._told = now
-        speed = self._runtime.speed(self._job.parameters["model"]) or (self._done / (now - self._began) or None)
+        speed = self._runtime.speed(self._job.parameters["model"]) or (
+            self._done / (now - self._began - self.lent) or None
+        )
         return not self._runtime.attempts.wanted(self._job.id, done=self._base + self._done, points_per_second=speed)
 
     def check(self) -> None:

@@ -70,6 +70,29 @@ def test_a_job_at_work_after_it_waited_is(board: Board) -> None:
     assert seen == [True]
 
 
+def test_a_job_that_gives_way_is_not_to_blame_meanwhile(board: Board) -> None:
+    runtime = _runtime(board)
+    large, small = _open(board, board.submit()), _open(board, board.submit())
+    seen = []
+
+    def work() -> None:
+        with runtime.at_work(small, _nothing, left=50):
+            time.sleep(0.1)
+            seen.extend(board.now(job).open for job in (large, small))
+
+    thread = threading.Thread(target=work)
+    with runtime.at_work(large, _nothing, left=100) as give_way:
+        assert give_way() == 0
+        thread.start()
+        deadline = time.monotonic() + 5
+        while not (seconds := give_way()) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert seconds >= 0.1
+        assert seen == [False, True]
+        assert board.now(large).open
+    thread.join(5)
+
+
 def test_those_that_wait_are_at_rest_once_it_stops(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.turns.POLL_SECONDS", 0.02)
     runtime = _runtime(board)

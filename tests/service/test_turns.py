@@ -74,6 +74,46 @@ def test_the_oldest_is_not_starved(hall: Hall) -> None:
     assert hall.order.index("old") < OLDEST_EVERY
 
 
+def test_a_large_tile_gives_way_to_a_small_one(hall: Hall) -> None:
+    waited: list[str] = []
+    given = {"submitted": 0, "waits": lambda: waited.append("large"), "poll": lambda: None}
+    with hall.turns.work("large", left=900, **given) as turn:
+        assert not turn.give_way()  # to nobody
+        larger = hall.claim("larger", left=1000, submitted=1)
+        assert not turn.give_way()
+        small = hall.claim("small", left=10, seconds=0.1, submitted=2)
+        assert turn.give_way()
+        assert hall.order == ["small"]
+        assert waited == ["large"]
+        assert hall.turns.computing == "large"
+        small.result(5)
+    larger.result(5)
+    assert hall.most == 1
+
+
+def test_the_turn_of_the_oldest_is_kept(hall: Hall) -> None:
+    given = {"submitted": 0, "waits": lambda: None, "poll": lambda: None}
+    gave = 0
+    with hall.turns.work("large", left=900, **given) as turn:
+        for n in range(20):
+            future = hall.claim(f"small {n}", left=10, submitted=n)
+            if not turn.give_way():
+                assert not future.done()
+                break
+            gave += 1
+            future.result(5)
+    future.result(5)
+    assert 1 <= gave <= OLDEST_EVERY
+
+
+def test_nobody_gives_way_to_a_suspect_or_at_the_end(hall: Hall) -> None:
+    given = {"submitted": 0, "waits": lambda: None, "poll": lambda: None}
+    with hall.turns.work("large", left=900, **given) as turn:
+        suspect = hall.claim("suspect", left=10, alone=True)
+        assert not turn.give_way()  # it may do harm, and would not know whether it was alone
+    suspect.result(5)
+
+
 def test_other_work_needs_no_turn(hall: Hall) -> None:
     with hall.busy():
         hall.claim("preparing").result(5)
