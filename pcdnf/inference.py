@@ -15,15 +15,16 @@ from torch import Tensor, nn
 
 from .cloud import TileResult
 from .folded import fold
+from .folded_lite import FoldedLite
 from .frames import to_world
-from .lite import LiteOutput
+from .lite import LiteOutput, PCDNFLite
 from .memory import keep_freed_memory
 from .network import PCDNF, NetworkOutput
 from .normals import unit_towards
 from .patches import Patches, PatchSource
 
-BATCH = {"pcdnf": 32, "lite": 256}
-"""Patches a batch on the CPU: temporaries stay in cache."""
+BATCH = {"pcdnf": 32, "lite": 512}
+"""Patches a batch on the CPU: chunks of them for some threads."""
 CUDA_BATCH = {"pcdnf": 256, "lite": 8192}
 FEWEST_NEIGHBOURS = 6
 """A point with fewer neighbours inside the patch is returned as it came, flagged: a quadric has six terms."""
@@ -56,8 +57,13 @@ class Inference:
         if device == "cpu":
             keep_freed_memory()
         network.eval()
-        self._network = fold(network.to(device), dtype) if isinstance(network, PCDNF) else network.to(device)
-        self._autocast = self.kind == "lite" and dtype is torch.bfloat16
+        network = network.to(device)
+        if isinstance(network, PCDNF):
+            network = fold(network, dtype)
+        elif isinstance(network, PCDNFLite) and device == "cpu":
+            network = FoldedLite(network, dtype)
+        self._network = network
+        self._autocast = isinstance(network, PCDNFLite) and dtype is torch.bfloat16
 
     @torch.inference_mode()
     def network(self, points: Tensor, normals: Tensor) -> NetworkOutput | LiteOutput:

@@ -24,6 +24,10 @@ RIDGE = (1e-6, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2)
 """Ridge of the six coefficients, before the network scales it."""
 SLOPE = 0.2
 """Of every LeakyReLU, as in the paper's network."""
+LEAST = 1e-6
+"""Least weight of a neighbour."""
+STEER = 3.0
+"""Taken off the score of a normal's weight: at first normals steer the slope little."""
 
 
 @dataclass(frozen=True)
@@ -119,20 +123,33 @@ class PCDNFLite(nn.Module):
         context = _pool(features, mask)  # (B, 2 width)
         score, steer = self.score(features, context).float().unbind(-1)  # (B, M)
         weight = _weight(score, mask)
-        scale, height, slope, slide = self.correct(context).float().split([4, 1, 2, 2], -1)
-        scale = scale.clamp(-8, 8).exp()  # (B, 4): of the ridge on the slope and on the three curvatures
-        ridge = self.ridge * torch.cat([torch.ones_like(scale[:, :1]), scale[:, :1], scale], -1) + 1e-6
+        corrections = self.correct(context).float()  # (B, 9)
         fit = fit_quadric(
-            points, weight, ridge=ridge, normals=normals, slope_weights=torch.sigmoid(steer - 3) * mask[..., 0]
+            points,
+            weight,
+            ridge=scaled_ridge(self.ridge, corrections),
+            normals=normals,
+            slope_weights=torch.sigmoid(steer - STEER) * mask[..., 0],
         )
-        fit = fit.shifted(0.1 * height[:, 0], 0.3 * slope)
-        displacement = fit.displacement() + 0.1 * F.pad(slide, (0, 1))  # (B, 3)
-        return LiteOutput(displacement, fit.normal(), weight)
+        return corrected(fit, corrections, weight)
+
+
+def scaled_ridge(ridge: Tensor, corrections: Tensor) -> Tensor:
+    """Ridge (6,) of each patch (B, 6), its slope and curvatures scaled by the network's corrections (B, 9)."""
+    scale = corrections[:, :4].clamp(-8, 8).exp()  # (B, 4): of the slope and of the three curvatures
+    return ridge * torch.cat([torch.ones_like(scale[:, :1]), scale[:, :1], scale], -1) + 1e-6
+
+
+def corrected(fit: QuadricFit, corrections: Tensor, weight: Tensor) -> LiteOutput:
+    """The last fit, moved and turned by the network's corrections (B, 9), and the weights (B, M) it was made with."""
+    fit = fit.shifted(0.1 * corrections[:, 4], 0.3 * corrections[:, 5:7])
+    displacement = fit.displacement() + 0.1 * F.pad(corrections[:, 7:], (0, 1))  # (B, 3)
+    return LiteOutput(displacement, fit.normal(), weight)
 
 
 def _weight(score: Tensor, mask: Tensor) -> Tensor:
     """Scores (B, M) and mask (B, M, 1) to weights (B, M) float32, positive where the mask is."""
-    return (torch.sigmoid(score.float()) + 1e-6) * mask[..., 0]
+    return (torch.sigmoid(score.float()) + LEAST) * mask[..., 0]
 
 
 def _against(fit: QuadricFit, points: Tensor, normals: Tensor, weight: Tensor) -> Tensor:
