@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Annotated
 
 from fastapi import Depends, FastAPI, Header, Query, Request, Response
@@ -44,13 +45,14 @@ from .rates import Rates
 from .retention import Retention
 from .settings import Settings
 from .state import State, StateIn
-from .storage import LocalStorage
+from .storage import open_storage
 from .submission import accept
 from .views import JobView, job_view, retry_after
 from .watch import Follower, Watch
 from .workers import Workers
 
 PAGE = 100  # most jobs of one answer
+STORAGE_SECONDS = 15.0  # that a caller waits for a storage that does not answer
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -89,7 +91,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     settings: Settings = app.state.settings
     await run_in_threadpool(database.migrate, settings)
     engine = database.create_engine(settings)
-    storage = LocalStorage(settings.data_dir)
+    storage = await run_in_threadpool(partial(open_storage, settings, patience=STORAGE_SECONDS))
     app.state.engine, app.state.storage = engine, storage
     app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
     app.state.retention = Retention(engine, storage, app.state.jobs, settings)
@@ -256,7 +258,7 @@ def _routes(app: FastAPI) -> None:
         name = results.wanted(request, job, format_)
         if name not in (job.results or {}):
             job = await state.converter.with_format(job, name)
-        return results.respond(request, job, state.storage, name)
+        return await run_in_threadpool(results.respond, request, job, state.storage, name)
 
     @app.get(
         "/jobs/{job_id}/display",

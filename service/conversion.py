@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import ExitStack
 
 from starlette.concurrency import run_in_threadpool
 
@@ -12,7 +13,7 @@ from .job import Job
 from .jobs import Jobs
 from .problems import disk_full
 from .retention import Retention
-from .storage import Storage, job_file, sha256
+from .storage import Storage, job_file, own_name, result_facts, result_file
 
 GROWTH = 2  # room made for a format, in sizes of the one that came in
 
@@ -51,15 +52,15 @@ class Converter:
         results = job.results or {}
         own = job.upload["format"]
         await run_in_threadpool(self._retention.make_room, GROWTH * results[own]["size"], keep=job.id)
-        source, scratch = self._storage.local(job_file(job.id, f"result.{own}")), self._storage.scratch()
-        try:
+        name, scratch = own_name(f"result.{format_}"), self._storage.scratch()
+        with ExitStack() as stack:
+            stack.callback(scratch.unlink, missing_ok=True)
+            source = await run_in_threadpool(stack.enter_context, self._storage.reading(result_file(job, own)))
             answer = await self._children.ask("pcdnf.formats.convert", str(source), str(scratch), format_)
             if answer.get("code") == "disk_full":
                 raise disk_full()
             if not answer["ok"]:
                 raise file_problem(answer)
-            facts = {"size": scratch.stat().st_size, "sha256": await run_in_threadpool(sha256, scratch)}
-            await run_in_threadpool(self._storage.put, scratch, job_file(job.id, f"result.{format_}"))
-        finally:
-            scratch.unlink(missing_ok=True)
+            facts = await run_in_threadpool(result_facts, scratch, name)
+            await run_in_threadpool(self._storage.put, scratch, job_file(job.id, name))
         return await run_in_threadpool(self._jobs.add_result, job, format_, facts, answer["warnings"])

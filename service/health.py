@@ -10,7 +10,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from .problems import Problem
 from .settings import Settings
-from .storage import Storage
+from .storage import Storage, StorageError
 from .workers import Workers
 
 
@@ -66,6 +66,10 @@ def readiness(workers: Workers, engine: sa.Engine, storage: Storage, settings: S
             failed.append("A worker is loading its model." if starting else "No worker is running.")
     except SQLAlchemyError:
         failed.append("The job database does not answer.")
+    try:
+        storage.check()
+    except StorageError:
+        failed.append("The storage does not answer.")
     free = storage.free_bytes()
     if free < settings.min_free_bytes:
         failed.append(f"Only {free} bytes of disk space are free.")

@@ -168,10 +168,13 @@ class Jobs:
 
     def add_result(self, job: Job, format_: str, facts: dict[str, Any], warnings: list[str]) -> Job:
         """Note that the result of a finished job is there in one more format; return the job as it is now."""
-        results = (job.results or {}) | {format_: facts}
-        told = job.warnings + [warning for warning in warnings if warning not in job.warnings]
-        query = table.update().where(table.c.id == job.id, table.c.status == "succeeded")
-        with self._engine.begin() as connection:
+        with self._engine.connect() as connection, exclusive(connection):
+            row = connection.execute(sa.select(table).where(table.c.id == job.id)).mappings().one_or_none()
+            now = job if row is None else as_job(row)
+            # Another API process may have added this format or another one meanwhile.
+            results = {format_: facts} | (now.results or {})
+            told = now.warnings + [warning for warning in warnings if warning not in now.warnings]
+            query = table.update().where(table.c.id == job.id, table.c.status == "succeeded")
             connection.execute(query.values(results=results, warnings=told))
         return replace(job, results=results, warnings=told)
 

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from dbos import DBOS
 from dbos import error as dbos_error
+from numpy.typing import NDArray
 
-from pcdnf.denoiser import Cloud, Stopped
+from pcdnf.denoiser import Stopped
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
@@ -31,7 +32,7 @@ from .job import Job
 from .models import denoise_tile
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime
-from .storage import DISPLAY, UPLOAD, job_file, sha256, writing
+from .storage import DISPLAY, UPLOAD, job_file, own_name, result_facts, result_name, writing
 from .work import (
     RAW_NORMALS,
     Progress,
@@ -40,7 +41,6 @@ from .work import (
     planned,
     prepared,
     read_upload,
-    result_name,
     settled,
     store_arrays,
     tile_name,
@@ -114,17 +114,21 @@ def _run(job: Job) -> str:
     if job.losses >= MAX_LOSSES:
         detail = f"The worker process died {job.losses} times at the same place of this job, which was then given up."
         raise Ended(problem_of("worker_lost", detail, "Send a smaller cloud; if that works, please report this one."))
+    merged: str | None = None  # the cloud after the last iteration
     for iteration in range(_checked(survey(job.id))["iterations"]):
-        tiles = _checked(plan(job.id, iteration))["tiles"]
+        files: list[str] = []
+        tiles = _checked(plan(job.id, iteration, merged))["tiles"]
         for start, stop in tiles:
             shared.pause_if_stopping(job.id)
-            _checked(denoise_one(job.id, iteration, start, stop))
+            files.append(_checked(denoise_one(job.id, iteration, merged, start, stop))["file"])
         shared.pause_if_stopping(job.id)
-        _checked(merge(job.id, iteration, tiles))
-    results = _checked(finish(job.id))
-    if not shared.attempts.succeed(job.id, results["results"], results["warnings"]):
+        merged = _checked(merge(job.id, iteration, merged, tiles, files))["file"]
+    outcome = _checked(finish(job.id, merged))
+    results = outcome["results"]
+    if not shared.attempts.succeed(job.id, results, outcome["warnings"]):
         raise Ended
-    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, DISPLAY, *map(result_name, results["results"])}))
+    kept = {result_name(name, facts) for name, facts in results.items()}
+    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, DISPLAY} | kept))
     log.info("job %s succeeded", job.id)
     return "succeeded"
 
@@ -182,16 +186,16 @@ def survey(runtime: Runtime, job: Job) -> Outcome:
 
 
 @_step
-def plan(runtime: Runtime, job: Job, iteration: int) -> Outcome:
+def plan(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Outcome:
     """Prepare the cloud of an iteration and cut it into tiles."""
-    cloud = prepared(runtime, job, iteration).cloud
+    cloud = prepared(runtime, job, iteration, before).cloud
     return {"tiles": [list(tile) for tile in cloud.tiles(runtime.settings.tile_points)]}
 
 
 @_step
-def denoise_one(runtime: Runtime, job: Job, iteration: int, start: int, stop: int) -> Outcome:
+def denoise_one(runtime: Runtime, job: Job, iteration: int, before: str | None, start: int, stop: int) -> Outcome:
     """Denoise one tile and store it."""
-    work = prepared(runtime, job, iteration)
+    work = prepared(runtime, job, iteration, before)
     base = iteration * len(work.cloud)
     done, model, name = base + start, job.parameters["model"], tile_name(iteration, start)
     with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done) as give_way:
@@ -206,41 +210,38 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, start: int, stop: in
 
 
 @_step
-def merge(runtime: Runtime, job: Job, iteration: int, tiles: list[list[int]]) -> Outcome:
+def merge(
+    runtime: Runtime, job: Job, iteration: int, before: str | None, tiles: list[list[int]], files: list[str]
+) -> Outcome:
     """Put the tiles of an iteration back into the order of the input."""
-    cloud = prepared(runtime, job, iteration).cloud
+    cloud = prepared(runtime, job, iteration, before).cloud
     with runtime.at_work(job, Progress(runtime, job, (iteration + 1) * len(cloud)).check):
-        return _merged(runtime, job, iteration, cloud, tiles)
-
-
-def _merged(runtime: Runtime, job: Job, iteration: int, cloud: Cloud, tiles: list[list[int]]) -> Outcome:
-    points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
-    flagged = np.zeros(len(cloud), bool)
-    if iteration == 0:
-        store_arrays(runtime, job.id, RAW_NORMALS, normals=cloud.normals)
-    else:
-        flagged |= load_arrays(runtime, job.id, merged_name(iteration - 1))["flagged"]
-    for start, stop in tiles:
-        rows = cloud.order[start:stop]
-        tile = load_arrays(runtime, job.id, tile_name(iteration, start))
-        points[rows], normals[rows] = tile["points"], tile["normals"]
-        flagged[rows] |= tile["flagged"]
-    name = merged_name(iteration)
-    store_arrays(runtime, job.id, name, points=points, normals=normals, flagged=flagged)
+        points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
+        flagged = np.zeros(len(cloud), bool)
+        if before is None:
+            store_arrays(runtime, job.id, RAW_NORMALS, normals=cloud.normals)
+        else:
+            flagged |= load_arrays(runtime, job.id, before)["flagged"]
+        for (start, stop), file in zip(tiles, files, strict=True):
+            rows = cloud.order[start:stop]
+            tile = load_arrays(runtime, job.id, file)
+            points[rows], normals[rows] = tile["points"], tile["normals"]
+            flagged[rows] |= tile["flagged"]
+        name = merged_name(iteration)
+        store_arrays(runtime, job.id, name, points=points, normals=normals, flagged=flagged)
     return {"file": name}
 
 
 @_step
-def finish(runtime: Runtime, job: Job) -> Outcome:
+def finish(runtime: Runtime, job: Job, last: str) -> Outcome:
     """Write the result as it came in, as PLY and as NPZ, all that repeats the run, and what the page draws."""
     with runtime.at_work(job, Progress(runtime, job, job.total).check):
-        return _finished(runtime, job)
+        return _finished(runtime, job, load_arrays(runtime, job.id, last))
 
 
-def _finished(runtime: Runtime, job: Job) -> Outcome:
+def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Outcome:
     parameters = job.parameters
     plan = planned(job)
-    merged = load_arrays(runtime, job.id, merged_name(plan.iterations - 1))
     given = read_upload(runtime, job)
     denoiser = runtime.models.get(parameters["model"])
     metadata = denoiser.metadata(seed=parameters["seed"], plan=plan)
@@ -251,10 +252,11 @@ def _finished(runtime: Runtime, job: Job) -> Outcome:
     warnings = list(given.warnings)
     results = {}
     for name in dict.fromkeys((given.flavour.format, *STORED)):
+        file = own_name(f"result.{name}")
         try:
-            with writing(runtime.storage, job_file(job.id, result_name(name))) as path:
+            with writing(runtime.storage, job_file(job.id, file)) as path:
                 notes = write(path, cloud, format=name)
-                facts = {"size": path.stat().st_size, "sha256": sha256(path)}
+                facts = result_facts(path, file)
         except PcdnfError as error:
             if name == given.flavour.format:
                 raise

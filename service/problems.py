@@ -16,6 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.exceptions import HTTPException
 
+from .storage import StorageError
+
 log = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
@@ -62,6 +64,7 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "too_busy": (503, "Too many requests at the same time"),
     "not_ready": (503, "Not ready"),
     "database_unavailable": (503, "The job database cannot be reached"),
+    "storage_unavailable": (503, "The storage cannot be reached"),
     # How a job may fail; shown in the job's `problem`.
     "worker_lost": (500, "The worker died on this job"),
     "model_changed": (500, "The model changed while the job was under way"),
@@ -206,6 +209,11 @@ def install(app: FastAPI) -> None:
             raise error
         return disk_full().response(request)
 
+    async def on_storage(request: Request, error: Exception) -> JSONResponse:
+        log.error("storage error on %s: %s", request.url.path, error)
+        problem = Problem("storage_unavailable", "The storage did not answer.", headers={"Retry-After": "5"})
+        return problem.response(request)
+
     async def on_error(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
         problem = Problem(
             "internal_error", "The service met an error of its own.", hint="The log of the service says more."
@@ -217,4 +225,5 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(SQLAlchemyError, on_database)
     app.add_exception_handler(OSError, on_system)
+    app.add_exception_handler(StorageError, on_storage)
     app.add_exception_handler(Exception, on_error)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import base64
 import re
+from email.utils import formatdate
+from urllib.parse import quote
 
 from fastapi import Request, Response
-from fastapi.responses import FileResponse
+from fastapi.responses import StreamingResponse
 
 from pcdnf.file_formats import FORMATS, available
 
 from .job import Job
 from .problems import Problem
-from .storage import DISPLAY, Storage, job_file
+from .storage import DISPLAY, Storage, job_file, result_file
 
 MEDIA_TYPES = {name: FORMATS[name].media_type for name in available()}
 _RANGE = re.compile(r"^bytes=(\d*)-(\d*)$", re.ASCII)
@@ -42,11 +44,12 @@ def respond(request: Request, job: Job, storage: Storage, name: str) -> Response
     Raises
     ------
     Problem
-        416 for a range outside the file.
+        416 for a range outside the file, 410 where the file has just been removed.
     """
-    results = job.results or {}
-    digest = base64.b64encode(bytes.fromhex(results[name]["sha256"])).decode()
-    etag = f'"{results[name]["sha256"][:32]}"'
+    assert job.results is not None
+    size, sha256 = job.results[name]["size"], job.results[name]["sha256"]
+    digest = base64.b64encode(bytes.fromhex(sha256)).decode()
+    etag = f'"{sha256[:32]}"'
     headers = {
         "ETag": etag,
         "Repr-Digest": f"sha-256=:{digest}:",
@@ -55,14 +58,17 @@ def respond(request: Request, job: Job, storage: Storage, name: str) -> Response
     }
     if matches(request.headers.get("if-none-match"), etag):
         return Response(status_code=304, headers=headers)
-    if not _one_range(request, results[name]["size"], etag):
+    span = _one_range(request, size, etag)
+    if span is None:
         headers["Content-Digest"] = headers["Repr-Digest"]
-    return FileResponse(
-        storage.local(job_file(job.id, f"result.{name}")),
-        headers=headers,
-        media_type=MEDIA_TYPES[name],
-        filename=f"{job.upload['name']}_denoised.{name}",
-    )
+    headers["Content-Disposition"] = _attachment(f"{job.upload['name']}_denoised.{name}")
+    headers["Last-Modified"] = formatdate((job.finished_at or 0) / 1000, usegmt=True)
+    try:
+        return _file(request, storage, result_file(job, name), headers, MEDIA_TYPES[name], size, span)
+    except FileNotFoundError:
+        raise Problem(
+            "job_expired", "The job has expired and its files were removed.", hint="Submit the file again."
+        ) from None
 
 
 def respond_display(request: Request, job: Job, storage: Storage) -> Response:
@@ -73,18 +79,46 @@ def respond_display(request: Request, job: Job, storage: Storage) -> Response:
     Problem
         404 where the job has no such file.
     """
-    path = storage.local(job_file(job.id, DISPLAY))
-    if not path.exists():
+    name = job_file(job.id, DISPLAY)
+    try:
+        size = storage.size(name)
+    except FileNotFoundError:
         raise Problem(
             "display_not_found",
             "This job has a result but nothing to draw: an older version of the service made it.",
             hint="Download the result, or submit the file again.",
-        )
+        ) from None
     headers = {"ETag": f'"{job.id}"', "Cache-Control": "private, no-cache"}  # a job's file never changes
     if matches(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    _ignore_range(request)
-    return FileResponse(path, headers=headers, media_type="model/gltf-binary")
+    return _file(request, storage, name, headers, "model/gltf-binary", size)
+
+
+def _file(
+    request: Request,
+    storage: Storage,
+    name: str,
+    headers: dict[str, str],
+    media_type: str,
+    size: int,
+    span: tuple[int, int] | None = None,
+) -> Response:
+    """Return the response with a file, or with the bytes `span` of it."""
+    start, stop = span or (0, size)
+    headers |= {"Accept-Ranges": "bytes", "Content-Length": str(stop - start)}
+    if span is not None:
+        headers["Content-Range"] = f"bytes {start}-{stop - 1}/{size}"
+    status = 200 if span is None else 206
+    if request.method == "HEAD":
+        storage.size(name)
+        return Response(status_code=status, headers=headers, media_type=media_type)
+    return StreamingResponse(storage.read(name, start, stop), status, headers, media_type)
+
+
+def _attachment(name: str) -> str:
+    """Return a Content-Disposition by RFC 6266."""
+    quoted = quote(name)
+    return f'attachment; filename="{name}"' if quoted == name else f"attachment; filename*=utf-8''{quoted}"
 
 
 def _accepted(accept: str, own: str) -> str | None:
@@ -122,30 +156,24 @@ def matches(header: str | None, etag: str) -> bool:
     return "*" in tags or etag in tags
 
 
-def _one_range(request: Request, size: int, etag: str) -> bool:
-    """Return whether one range is to be sent; a header that is to be ignored is taken out of the request.
+def _one_range(request: Request, size: int, etag: str) -> tuple[int, int] | None:
+    """Return the one range to send, from its first byte to behind its last, or None for the whole file.
 
     Several ranges, another unit and a stale If-Range are answered with the whole file, which RFC 9110 allows.
     """
     match = _RANGE.match(request.headers.get("range", "").replace(" ", ""))
-    usable = match is not None and (match[1] or match[2]) and request.headers.get("if-range", etag) == etag
-    if match is not None and usable:
-        first = int(match[1]) if match[1] else max(0, size - int(match[2]))
-        last = min(int(match[2]), size - 1) if match[1] and match[2] else size - 1
-        if first > last and match[1] and match[2] and int(match[2]) < first:
-            usable = False  # not a valid range, so no range
-        elif first >= size:
-            raise Problem(
-                "range_not_satisfiable",
-                f"The result has {size} bytes; the range begins behind them.",
-                headers={"Content-Range": f"bytes */{size}"},
-                limit=size,
-                actual=first,
-            )
-    if not usable:
-        _ignore_range(request)
-    return bool(usable)
-
-
-def _ignore_range(request: Request) -> None:
-    request.scope["headers"] = [item for item in request.scope["headers"] if item[0].lower() != b"range"]
+    if match is None or not (match[1] or match[2]) or request.headers.get("if-range", etag) != etag:
+        return None
+    if match[1] and match[2] and int(match[2]) < int(match[1]):
+        return None  # not a valid range, so no range
+    first = int(match[1]) if match[1] else max(0, size - int(match[2]))
+    last = min(int(match[2]), size - 1) if match[1] and match[2] else size - 1
+    if first >= size:
+        raise Problem(
+            "range_not_satisfiable",
+            f"The result has {size} bytes; the range begins behind them.",
+            headers={"Content-Range": f"bytes */{size}"},
+            limit=size,
+            actual=first,
+        )
+    return first, last + 1

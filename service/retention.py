@@ -14,7 +14,7 @@ from .settings import Settings
 from .storage import Storage
 
 EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
-ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted
+ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted, or a late worker's
 
 
 class Retention:
@@ -45,11 +45,12 @@ class Retention:
             self._expire(job_id)
         with self._engine.begin() as connection:
             connection.execute(table.delete().where(table.c.purged_at < now - EXPIRED_ROWS_KEPT_MS))
-        orphans = list(self._storage.job_ids(ORPHAN_SECONDS))
+        stored = self._storage.job_ids()  # before the rows are read, since a file comes before its row
         with self._engine.connect() as connection:
-            for job_id in orphans:
-                if connection.execute(sa.select(table.c.id).where(table.c.id == job_id)).scalar() is None:
-                    self._storage.delete_job(job_id)
+            known = set(connection.execute(sa.select(table.c.id).where(table.c.purged_at.is_(None))).scalars())
+        for job_id in set(stored) - known:
+            if self._storage.idle_seconds(job_id) > ORPHAN_SECONDS:
+                self._storage.delete_job(job_id)
         self._storage.clear_scratch(24 * ORPHAN_SECONDS)
         return len(expired)
 
@@ -70,7 +71,8 @@ class Retention:
         used = self._storage.used_bytes() if self._budget else 0
         free = self._storage.free_bytes()
         over = used + wanted - self._budget if self._budget else 0
-        short = max(over, self._min_free + wanted - free)
+        lacking = self._min_free + wanted - free
+        short = max(over, lacking)
         if short <= 0:
             return
         query = (
@@ -80,7 +82,7 @@ class Retention:
         )
         with self._engine.connect() as connection:
             sizes = {job_id: self._storage.job_bytes(job_id) for job_id in connection.execute(query).scalars()}
-        if sum(sizes.values()) < short:
+        if sum(sizes.values()) < short or (lacking > 0 and not self._storage.frees_disk):
             limit, actual = (self._budget, used + wanted) if over == short else (free, self._min_free + wanted)
             raise Problem(
                 "disk_full",

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 import socket
 from pathlib import Path
 from typing import Literal
@@ -44,7 +45,15 @@ class Settings(BaseSettings):
     )
 
     data_dir: Path = Field(
-        Path("data"), description="Folder of uploads, tiles, results and the SQLite file. Local disk only."
+        Path("data"),
+        description="Folder of uploads, tiles, results and the SQLite file. Local disk only. Where PCDNF_STORAGE_URL "
+        "is a bucket, of files on their way there.",
+    )
+    storage_url: str | None = Field(
+        None,
+        description="Where uploads, tiles and results lie: empty for PCDNF_DATA_DIR, or for several machines "
+        "`s3://bucket/prefix` (endpoint and keys in the usual `AWS_*` variables) or `file:///folder` that all of them "
+        "mount.",
     )
     database_url: str | None = Field(
         None,
@@ -61,7 +70,7 @@ class Settings(BaseSettings):
         0,
         ge=0,
         description="Bytes that uploads, tiles and results may take together; beyond it the oldest results expire "
-        "early, and where that is not enough uploads are answered 503. 0: as much as the disk has.",
+        "early, and where that is not enough uploads are answered 503. 0: as much as there is room for.",
     )
 
     max_upload_bytes: int = Field(512 * MIB, ge=1, description="Largest request body in bytes.")
@@ -164,6 +173,13 @@ class Settings(BaseSettings):
     def _known_database(cls, value: str | None) -> str | None:
         if value is not None and not value.startswith(("sqlite:///", "postgresql://", "postgresql+psycopg://")):
             raise ValueError("use sqlite:///path or postgresql://user:password@host/name")
+        return value
+
+    @field_validator("storage_url")
+    @classmethod
+    def _known_storage(cls, value: str | None) -> str | None:
+        if value is not None and not re.match(r"s3://[^/]|file:///.", value):
+            raise ValueError("use s3://bucket/prefix or file:///folder")
         return value
 
     @property

@@ -19,25 +19,20 @@ from pcdnf.outliers import drop_outliers
 
 from .job import Job
 from .runtime import Runtime
-from .storage import UPLOAD, job_file, writing
+from .storage import UPLOAD, job_file, own_name, writing
 
 RAW_NORMALS = "raw-normals.npz"
 POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
 
 
 def tile_name(iteration: int, start: int) -> str:
-    """Return the name of a finished tile."""
-    return f"tiles/{iteration}-{start}.npz"
+    """Return the name of a finished tile, one that nobody else has: of a worker taken for dead another may make it."""
+    return own_name(f"tiles/{iteration}-{start}.npz")
 
 
 def merged_name(iteration: int) -> str:
-    """Return the name of the cloud after an iteration."""
-    return f"iteration-{iteration}.npz"
-
-
-def result_name(format_: str) -> str:
-    """Return the name of the result in one format."""
-    return f"result.{format_}"
+    """Return the name of the cloud after an iteration, one that nobody else has."""
+    return own_name(f"iteration-{iteration}.npz")
 
 
 def store_arrays(runtime: Runtime, job_id: str, name: str, **arrays: NDArray[Any]) -> None:
@@ -48,7 +43,10 @@ def store_arrays(runtime: Runtime, job_id: str, name: str, **arrays: NDArray[Any
 
 def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[Any]]:
     """Return what :func:`store_arrays` stored; nothing is unpickled."""
-    with np.load(runtime.storage.local(job_file(job_id, name)), allow_pickle=False) as file:
+    with (
+        runtime.storage.reading(job_file(job_id, name)) as path,
+        np.load(path, allow_pickle=False) as file,
+    ):
         return dict(file)
 
 
@@ -64,8 +62,8 @@ def read_upload(runtime: Runtime, job: Job) -> PointCloud:
         max_bytes=runtime.settings.max_inflated_bytes,
         nonfinite=job.parameters["nonfinite"],
     )
-    path = runtime.storage.local(job_file(job.id, UPLOAD))
-    cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
+    with runtime.storage.reading(job_file(job.id, UPLOAD)) as path:
+        cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
     return drop_outliers(cloud) if job.parameters["outliers"] == "drop" else cloud
 
 
@@ -122,8 +120,16 @@ class Prepared:
     cloud: Cloud
 
 
-def prepared(runtime: Runtime, job: Job, iteration: int) -> Prepared:
+def prepared(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Prepared:
     """Return the cloud of an iteration, prepared now unless it was kept.
+
+    Parameters
+    ----------
+    runtime : Runtime
+    job : Job
+    iteration : int
+    before : str, optional
+        Name of the merged cloud of the iteration before this one.
 
     Raises
     ------
@@ -142,9 +148,9 @@ def prepared(runtime: Runtime, job: Job, iteration: int) -> Prepared:
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
         normals = given.normals
-        if iteration:
-            before = load_arrays(runtime, job.id, merged_name(iteration - 1))
-            points, normals = before["points"], before["normals"]
+        if before is not None:
+            merged = load_arrays(runtime, job.id, before)
+            points, normals = merged["points"], merged["normals"]
         cloud = denoiser.prepare(
             points,
             normals,

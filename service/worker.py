@@ -23,13 +23,14 @@ from .problems import Problem
 from .process import EX_CONFIG, configure_logging, die_with_supervisor, load_settings, refuse
 from .recovery import launch, settle, take_over
 from .retention import Retention
-from .settings import Settings
-from .storage import LocalStorage
+from .settings import Settings, SettingsError
+from .storage import StorageError, open_storage
 from .workers import Workers
 
 log = logging.getLogger(__name__)
 
 PURGE_SECONDS = 60.0
+STORAGE_SECONDS = 180.0  # that a step waits for a storage that does not answer, three times
 LOCK_WAIT_SECONDS = 20.0  # for a worker of the same name that is still on its way out
 
 
@@ -135,9 +136,15 @@ def main() -> None:
     try:
         serve(settings, engine, workers, heart, stopping)
         log.info("worker %s stops", settings.executor_id)
+    except SettingsError as error:
+        status = EX_CONFIG
+        print(f"pcdnf: {error}", file=sys.stderr)
     except PcdnfError as error:
         status = EX_CONFIG
         print(f"pcdnf: {error} {error.hint or ''}".rstrip(), file=sys.stderr)
+    except StorageError as error:
+        status = 1
+        log.error("worker %s cannot reach the storage: %s", settings.executor_id, error)
     except Exception:
         status = 1
         log.exception("worker %s fails", settings.executor_id)
@@ -165,7 +172,8 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     from .turns import Turns
 
     torch.set_num_threads(threads)
-    storage = LocalStorage(settings.data_dir)
+    storage = open_storage(settings, patience=STORAGE_SECONDS)
+    storage.check()
     attempts = Attempts(engine, settings.job_ttl)
     models = Models(settings)
     heart.details = models.execution(settings.default_model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any, Protocol
 import httpx
 import pytest
 import sqlalchemy as sa
+from servers import s3_server
 from service_process import Served, Service, write_sphere
 
 from service import database
@@ -20,7 +22,7 @@ from service.job import Job, new_id
 from service.jobs import Jobs
 from service.retention import Retention
 from service.settings import Settings
-from service.storage import UPLOAD, LocalStorage, job_file
+from service.storage import UPLOAD, Storage, job_file, open_storage
 from service.workers import Workers
 
 
@@ -68,7 +70,7 @@ class Board:
 
     settings: Settings
     engine: sa.Engine
-    storage: LocalStorage
+    storage: Storage
     jobs: Jobs
     attempts: Attempts
     workers: Workers
@@ -87,6 +89,10 @@ class Board:
             upload={"name": "a", "format": "ply", "points": points, "bytes": size},
             warnings=[],
         )
+
+    def path(self, job: Job, name: str) -> Path:
+        """Return where a file of a job lies."""
+        return self.settings.data_dir / job_file(job.id, name)
 
     def now(self, job: Job) -> Job:
         """Return the job as it is now."""
@@ -107,7 +113,7 @@ def open_board(settings: Settings) -> Iterator[Board]:
     """Open a board on the database of `settings`."""
     database.migrate(settings)
     engine = database.create_engine(settings)
-    storage = LocalStorage(settings.data_dir)
+    storage = open_storage(settings, patience=5)
     jobs = Jobs(engine, storage, settings)
     retention = Retention(engine, storage, jobs, settings)
     yield Board(settings, engine, storage, jobs, Attempts(engine, settings.job_ttl), Workers(engine), retention)
@@ -128,6 +134,21 @@ def make_board(tmp_path: Path) -> Iterator[Callable[..., Board]]:
 def board(make_board: Callable[..., Board]) -> Board:
     """A board on a database of its own."""
     return make_board()
+
+
+@pytest.fixture(scope="session")
+def s3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """The variables that lead to a server of the S3 protocol."""
+    with s3_server(tmp_path_factory.mktemp("s3")) as variables:
+        yield variables
+
+
+@pytest.fixture
+def bucket(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> str:
+    """The URL of storage of its own in a bucket."""
+    for name, value in s3.items():
+        monkeypatch.setenv(name, value)
+    return f"s3://tests/{secrets.token_hex(4)}"
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from conftest import Board
 
 from service.database import jobs as table
 from service.job import new_id
-from service.storage import UPLOAD, job_file
+from service.storage import UPLOAD
 
 
 def test_ids_carry_128_random_bits() -> None:
@@ -73,7 +73,7 @@ def test_cancel_queued_goes_at_once(board: Board) -> None:
     assert cancelled.status == "cancelled"
     assert cancelled.expires_at is not None
     assert board.engine_state(job) == "CANCELLED"
-    assert not board.storage.local(job_file(job.id, UPLOAD)).exists()
+    assert not board.path(job, UPLOAD).exists()
     assert board.attempts.open(job.id) is None
 
 
@@ -83,7 +83,7 @@ def test_cancel_running_waits_for_the_worker(board: Board) -> None:
     cancelled = board.jobs.cancel(job)  # the caller still thinks it is queued
     assert cancelled is not None
     assert cancelled.status == "cancelling"
-    assert board.storage.local(job_file(job.id, UPLOAD)).exists()
+    assert board.path(job, UPLOAD).exists()
     assert not board.attempts.wanted(job.id, done=1, points_per_second=None)
     assert not board.attempts.succeed(job.id, {}, [])
     assert not board.attempts.fail(job.id, {})
@@ -108,7 +108,7 @@ def test_remove(board: Board) -> None:
     assert board.jobs.remove(job)
     assert board.jobs.status(job.id, "ada") is None
     assert board.engine_state(job) is None
-    assert not board.storage.local(job_file(job.id, UPLOAD)).exists()
+    assert not board.path(job, UPLOAD).exists()
 
 
 def test_a_text_that_is_no_id_never_reaches_the_database(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:

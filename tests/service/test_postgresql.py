@@ -1,19 +1,15 @@
-"""The same service on PostgreSQL; skipped where its programs are not installed."""
+"""The same service on PostgreSQL."""
 
 from __future__ import annotations
 
 import os
-import pwd
-import shutil
 import signal
-import socket
-import subprocess
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from conftest import open_board
+from servers import postgresql
 from service_process import Service, write_sphere
 from test_admission import submit_at_once
 
@@ -21,44 +17,11 @@ from service.idempotency import Claims
 from service.settings import Settings
 
 
-def _programs() -> Path:
-    found = [Path(shutil.which("initdb") or "/nowhere").parent, *Path("/usr/lib/postgresql").glob("*/bin")]
-    for folder in found:
-        if (folder / "initdb").exists():
-            return folder
-    pytest.skip("PostgreSQL is not installed")
-
-
 @pytest.fixture
 def database_url() -> Iterator[str]:
     """A PostgreSQL server of its own."""
-    programs = _programs()
-    user = None
-    if os.getuid() == 0:  # it refuses to run as root
-        try:
-            user = pwd.getpwnam("postgres").pw_name
-        except KeyError:
-            pytest.skip("PostgreSQL does not run as root, and there is no user postgres")
-    with tempfile.TemporaryDirectory(prefix="pcdnf-postgresql-") as name:
-        if user is not None:
-            shutil.chown(name, user)
-        yield from _server(programs, Path(name), user)
-
-
-def _server(programs: Path, folder: Path, user: str | None) -> Iterator[str]:
-    data = folder / "data"
-    subprocess.run(
-        [programs / "initdb", "-D", data, "-A", "trust", "-U", "tests"], user=user, check=True, capture_output=True
-    )
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    control = [programs / "pg_ctl", "-D", data, "-w", "-l", folder / "log"]
-    options = f"-p {port} -k {folder} -c listen_addresses=127.0.0.1 -c fsync=off"
-    subprocess.run([*control, "-o", options, "start"], user=user, check=True, capture_output=True)
-    try:
-        yield f"postgresql://tests@127.0.0.1:{port}/postgres"
-    finally:
-        subprocess.run([*control, "-m", "immediate", "stop"], user=user, check=True, capture_output=True)
+    with postgresql() as url:
+        yield url
 
 
 def test_the_queue_is_bounded_exactly(database_url: str, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from service_process import Service
 
 from service.job import Job
 from service.problems import Problem
-from service.storage import UPLOAD, job_file
+from service.storage import UPLOAD
 
 
 def _finished(board: Board, size: int = 100, status: str = "succeeded") -> Job:
@@ -22,13 +22,13 @@ def _finished(board: Board, size: int = 100, status: str = "succeeded") -> Job:
         board.attempts.succeed(job.id, {}, [])
     else:
         board.attempts.fail(job.id, {})
-    board.storage.local(job_file(job.id, UPLOAD)).write_bytes(bytes(size))
+    board.path(job, UPLOAD).write_bytes(bytes(size))
     time.sleep(0.002)  # or two end in the same millisecond
     return job
 
 
 def _kept(board: Board, jobs: list[Job]) -> list[bool]:
-    return [board.storage.local(job_file(job.id, UPLOAD)).exists() for job in jobs]
+    return [board.path(job, UPLOAD).exists() for job in jobs]
 
 
 @pytest.mark.parametrize("status", ["succeeded", "failed"])
@@ -111,8 +111,8 @@ def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None
     assert not board.jobs.expired(live)
     assert board.retention.purge() == 1
     assert board.retention.purge() == 0
-    assert not board.storage.local(job_file(expired.id, UPLOAD)).exists()
-    assert board.storage.local(job_file(kept.id, UPLOAD)).exists()
+    assert not board.path(expired, UPLOAD).exists()
+    assert board.path(kept, UPLOAD).exists()
     assert board.engine_state(expired) is None
     assert board.now(expired).purged_at is not None
     assert {job.id for job in board.jobs.page("ada", limit=9)} == {kept.id, live.id}
