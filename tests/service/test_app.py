@@ -8,6 +8,7 @@ import io
 import re
 import subprocess
 import sys
+import time
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -352,6 +353,7 @@ def test_expired(make_api: Any, small: Path) -> None:
     api = make_api(job_ttl=0.01)
     job = api.post("/denoise", files={"file": small.read_bytes()}).json()
     assert api.delete(f"/jobs/{job['id']}").status_code == 200
+    time.sleep(0.05)
     for path in (f"/jobs/{job['id']}", f"/jobs/{job['id']}/result", f"/jobs/{job['id']}/display"):
         response = api.get(path)
         assert (response.status_code, response.json()["code"]) == (410, "job_expired")
