@@ -15,17 +15,18 @@ from starlette.concurrency import run_in_threadpool
 import pcdnf
 from pcdnf.file_formats import FORMATS
 
-from . import catalogue, database, events, pages, problems, results
+from . import catalogue, database, events, pages, probes, problems, results
 from .auth import Keys, caller
 from .catalogue import Model
 from .children import Children
 from .conversion import Converter
-from .health import Readiness, readiness
 from .idempotency import Claims
 from .inspection import Inspector
 from .job import FINISHED, Job
 from .jobs import Jobs
+from .metrics import ApiMetrics, Deployment
 from .middleware import Guard
+from .observer import Observer
 from .openapi import (
     DELETED,
     DENOISE_BODY,
@@ -45,6 +46,7 @@ from .rates import Rates
 from .retention import Retention
 from .settings import Settings
 from .state import State, StateIn
+from .stop import Stop
 from .storage import open_storage
 from .submission import accept
 from .views import JobView, job_view, retry_after
@@ -78,9 +80,12 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.keys = Keys.of(settings)
     app.state.rates = Rates(settings.caller_requests_per_minute)
     app.add_middleware(Origins, settings=settings)
-    app.add_middleware(Guard, max_requests=settings.max_requests)
+    app.state.stop = Stop()
+    app.state.metrics = ApiMetrics()
+    app.add_middleware(Guard, max_requests=settings.max_requests, stop=app.state.stop)
+    app.add_middleware(Observer, metrics=app.state.metrics)
     problems.install(app)
-    _probes(app)
+    probes.install(app)
     _routes(app)
     pages.install(app)
     return app
@@ -101,6 +106,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     children = Children(settings)
     app.state.inspector = Inspector(children, settings)
     app.state.converter = Converter(children, app.state.jobs, storage, app.state.retention)
+    app.state.metrics.registry.register(Deployment(engine, storage, settings))
     try:
         yield
     finally:
@@ -128,18 +134,6 @@ async def _follower(state: StateIn, job: JobIn) -> AsyncIterator[Follower]:
 
 
 FollowerIn = Annotated[Follower, Depends(_follower)]
-
-
-def _probes(app: FastAPI) -> None:
-    @app.get("/livez", tags=["probes"])
-    async def alive() -> dict[str, str]:
-        """Answer while the event loop of the API runs."""
-        return {"status": "alive"}
-
-    @app.get("/readyz", tags=["probes"])
-    def ready(state: StateIn) -> Readiness:
-        """Answer 200 once a worker has loaded and warmed its model, and database and disk are in order."""
-        return readiness(state.workers, state.engine, state.storage, state.settings)
 
 
 def _routes(app: FastAPI) -> None:

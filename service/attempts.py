@@ -11,6 +11,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from . import outcomes
 from .database import jobs as table
 from .database import now_ms
 from .job import Job, as_job
@@ -103,4 +104,7 @@ class Attempts:
             .values(open=False, finished_at=now, expires_at=now + self._ttl_ms, **values)
         )
         with self._engine.begin() as connection:
-            return connection.execute(query).rowcount == 1
+            ended = connection.execute(query).rowcount == 1
+            if ended:
+                outcomes.count(connection, values["status"], values.get("problem", {}).get("code", ""))
+        return ended

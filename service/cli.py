@@ -37,14 +37,16 @@ def serve(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, name.replace("-", "_"))
         if value is not None:
             os.environ[f"PCDNF_{name.replace('-', '_').upper()}"] = value
-    from .process import configure_logging, load_settings, refuse
+    from . import logs
+    from .process import load_settings, refuse
     from .server import bind
     from .settings import SettingsError
     from .supervisor import supervise
 
     settings = load_settings()
-    configure_logging(settings)
+    logs.configure(settings)
     try:
+        settings.check_exposure()
         listener = bind(settings)
     except SettingsError as error:
         refuse(str(error))

@@ -49,6 +49,8 @@ jobs = sa.Table(
     # Whether a worker has it open, and how often one died on it since its last tile.
     sa.Column("open", sa.Boolean, nullable=False),
     sa.Column("losses", sa.Integer, nullable=False),
+    # `request_id` and `traceparent` of the request that made the job.
+    sa.Column("context", sa.JSON),
     sa.Index("pcdnf_jobs_status_created", "status", "created_at"),
 )
 
@@ -63,6 +65,25 @@ workers = sa.Table(
     sa.Column("details", sa.JSON, nullable=False),
     sa.Column("points_per_second", sa.Float),
     sa.Column("beat_at", sa.BigInteger, nullable=False),
+    # What it measured, as text for Prometheus; see service.metrics.
+    sa.Column("metrics", sa.Text),
+)
+
+# How many jobs ended how, counted in the transaction that ends them.
+outcomes = sa.Table(
+    "pcdnf_outcomes",
+    metadata,
+    sa.Column("outcome", sa.String(16), primary_key=True),
+    sa.Column("code", sa.String(64), primary_key=True),  # of the problem, else empty
+    sa.Column("jobs", sa.BigInteger, nullable=False),
+)
+
+# What an operator has switched on, until it is switched off.
+switches = sa.Table(
+    "pcdnf_switches",
+    metadata,
+    sa.Column("name", sa.String(16), primary_key=True),
+    sa.Column("since", sa.BigInteger, nullable=False),
 )
 
 # Keys that callers send to make a job once. Held by a lease while a request uploads, then bound to its job.
@@ -100,9 +121,15 @@ def create_engine(settings: Settings) -> sa.Engine:
     """Return the engine of the job database; nothing is created yet."""
     url = settings.resolved_database_url
     if not url.startswith("sqlite"):
-        return sa.create_engine(url, pool_size=10, max_overflow=0, pool_pre_ping=True)
+        return sa.create_engine(url, pool_size=10, max_overflow=0, pool_pre_ping=True, hide_parameters=True)
     # One writer at a time, and it waits: BEGIN IMMEDIATE takes the lock before the first write, not in its middle.
-    engine = sa.create_engine(url, pool_size=10, max_overflow=0, connect_args={"timeout": SQLITE_BUSY_MS / 1000})
+    engine = sa.create_engine(
+        url,
+        pool_size=10,
+        max_overflow=0,
+        connect_args={"timeout": SQLITE_BUSY_MS / 1000},
+        hide_parameters=True,  # errors are logged, and callers' file names are none of the log's affair
+    )
 
     @sa.event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _record: object) -> None:
@@ -138,8 +165,20 @@ def migrate(settings: Settings) -> None:
                 if engine.dialect.name == "postgresql":
                     connection_.execute(sa.text(f"SELECT pg_advisory_xact_lock({MIGRATION_LOCK})"))
                 metadata.create_all(connection_)
+                _add_columns(connection_)
         finally:
             engine.dispose()
+
+
+def _add_columns(connection: sa.Connection) -> None:
+    """Give the tables of an older version the columns they lack; a column added later may be NULL."""
+    schema = sa.inspect(connection)
+    for table in metadata.sorted_tables:
+        known = {column["name"] for column in schema.get_columns(table.name)}
+        for column in table.columns:
+            if column.name not in known:
+                kind = column.type.compile(connection.dialect)
+                connection.execute(sa.text(f"ALTER TABLE {table.name} ADD COLUMN {column.name} {kind}"))
 
 
 @contextmanager

@@ -8,10 +8,14 @@ import sqlalchemy as sa
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
+from . import switches
 from .problems import Problem
 from .settings import Settings
 from .storage import Storage, StorageError
 from .workers import Workers
+
+
+NOT_YET = {"starting": "A worker is loading its model.", "stopping": "The worker is stopping."}
 
 
 class WorkerView(BaseModel):
@@ -38,7 +42,9 @@ class Readiness(BaseModel):
     free_bytes: int
 
 
-def readiness(workers: Workers, engine: sa.Engine, storage: Storage, settings: Settings) -> Readiness:
+def readiness(
+    workers: Workers, engine: sa.Engine, storage: Storage, settings: Settings, *, stopping: bool = False
+) -> Readiness:
     """Return the state of the service.
 
     Raises
@@ -46,11 +52,13 @@ def readiness(workers: Workers, engine: sa.Engine, storage: Storage, settings: S
     Problem
         503 ``not_ready``, naming every check that failed.
     """
-    failed = []
+    failed = ["The service is stopping."] if stopping else []
     views: list[WorkerView] = []
     try:
         with engine.connect() as connection:
-            connection.execute(sa.select(1))
+            drained = switches.is_on(connection, switches.DRAIN)
+        if drained:
+            failed.append("The service is drained: it takes no new jobs.")
         views = [
             WorkerView(
                 id=worker.id,
@@ -62,8 +70,8 @@ def readiness(workers: Workers, engine: sa.Engine, storage: Storage, settings: S
             for worker in workers.alive(settings.ready_stale_seconds)
         ]
         if not any(view.state == "ready" for view in views):
-            starting = any(view.state == "starting" for view in views)
-            failed.append("A worker is loading its model." if starting else "No worker is running.")
+            states = {view.state for view in views}
+            failed.append(next((text for state, text in NOT_YET.items() if state in states), "No worker is running."))
     except SQLAlchemyError:
         failed.append("The job database does not answer.")
     try:

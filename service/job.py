@@ -36,6 +36,7 @@ class Job:
     purged_at: int | None
     open: bool
     losses: int
+    context: dict[str, str] | None
 
     @property
     def live(self) -> bool:

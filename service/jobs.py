@@ -13,6 +13,7 @@ from typing import Any
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions
 
+from . import outcomes, switches, tracing
 from .admission import Admission, Load
 from .database import exclusive, now_ms
 from .database import jobs as table
@@ -58,6 +59,7 @@ class Jobs:
     def check_room(self, owner: str, wanted: Load) -> None:
         """Refuse early what :meth:`submit` would most likely refuse; see :meth:`Admission.check`."""
         with self._engine.connect() as connection:
+            switches.check_open(connection)
             self._admission.check(connection, owner, wanted)
 
     def submit(
@@ -75,7 +77,7 @@ class Jobs:
         Raises
         ------
         Problem
-            Where there is no room, see :meth:`Admission.check`; or by `also`.
+            Where the service is drained or there is no room, see :meth:`Admission.check`; or by `also`.
         """
         iterations = parameters["iterations"]
         values = {
@@ -90,6 +92,7 @@ class Jobs:
             "created_at": now_ms(),
             "open": False,
             "losses": 0,
+            "context": tracing.carried(),
         }
         options: EnqueueOptions = {
             "workflow_name": WORKFLOW,
@@ -99,6 +102,7 @@ class Jobs:
         }
         wanted = Load(values["total"], upload["bytes"], 1)
         with self._engine.connect() as connection, exclusive(connection):
+            switches.check_open(connection)
             self._admission.check(connection, owner, wanted)
             connection.execute(table.insert().values(values))
             if also is not None:
@@ -158,7 +162,9 @@ class Jobs:
         running = table.update().where(table.c.id == job.id, table.c.status == "running").values(status="cancelling")
         with self._engine.begin() as connection:
             gone = connection.execute(queued).rowcount == 1
-            if not gone:
+            if gone:
+                outcomes.count(connection, "cancelled")
+            else:
                 connection.execute(running)
         if gone:
             # A worker that has just taken it off the queue finds it cancelled and lets it go.

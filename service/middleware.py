@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import logging
+
 from fastapi import Request
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .pages import POLICY
-from .problems import Problem
+from .problems import Problem, unexpected
+from .stop import Stop
 
-ALWAYS = ("/livez", "/readyz")  # answered however busy the service is
+log = logging.getLogger(__name__)
+
+ALWAYS = (
+    "/livez",
+    "/readyz",
+    "/v2/health/live",
+    "/v2/health/ready",
+    "/metrics",
+)  # answered however busy the service is
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "Referrer-Policy": "same-origin",
@@ -25,10 +36,13 @@ class Guard:
     ----------
     app : ASGI application
     max_requests : int
+    stop : Stop
+        Told how many requests are in hand.
     """
 
-    def __init__(self, app: ASGIApp, max_requests: int) -> None:
+    def __init__(self, app: ASGIApp, max_requests: int, stop: Stop) -> None:
         self._app = app
+        self._stop = stop
         self._max = max_requests
         self._running = 0
 
@@ -37,8 +51,12 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
+        begun = False
+
         async def guarded(message: Message) -> None:
+            nonlocal begun
             if message["type"] == "http.response.start":
+                begun = True
                 headers = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
                     headers.setdefault(name, value)
@@ -53,8 +71,16 @@ class Guard:
             )
             await problem.response(Request(scope))(scope, receive, guarded)
             return
+        counts = not self._stop.begun
         self._running += 1
+        self._stop.in_hand += counts
         try:
             await self._app(scope, receive, guarded)
+        except Exception:
+            log.exception("the request met an error of the service")
+            if begun:
+                raise  # the server breaks the answer off, so that nobody takes it for whole
+            await unexpected().response(Request(scope))(scope, receive, guarded)
         finally:
             self._running -= 1
+            self._stop.in_hand -= counts

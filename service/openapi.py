@@ -83,6 +83,12 @@ EVENTS: Responses = {
     },
     204: {"description": "The job has finished, and the event with this Last-Event-ID told so"},
 }
+METRICS: Responses = {
+    200: {
+        "description": "For Prometheus, in its text format",
+        "content": {"text/plain": {"schema": {"type": "string"}}},
+    },
+}
 DISPLAY_RESPONSES: Responses = NOT_MODIFIED | {
     200: {"description": "Binary glTF", "content": {"model/gltf-binary": _BINARY}},
 }

@@ -25,6 +25,7 @@ from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
 from pcdnf.orientation import orient_normals
 
+from . import tracing
 from .attempts import MAX_LOSSES
 from .display import colours, write_display
 from .engine import WORKFLOW
@@ -81,19 +82,24 @@ def denoise(job_id: str) -> str:
         job = _shared().attempts.open(job_id)
         if job is None:
             return "gone"
-        try:
-            return _run(job)
-        except Ended as end:
-            return _end(job, end.problem)
-        except dbos_error.DBOSMaxStepRetriesExceeded as error:
-            log.exception("job %s failed", job_id)
-            full = any(isinstance(cause, OSError) and cause.errno == errno.ENOSPC for cause in error.errors)
-            return _end(job, problem_of("disk_full" if full else "internal_error"))
-        except dbos_error.DBOSException:
-            raise  # the engine's own affair, such as another worker having taken this job over
-        except Exception:
-            log.exception("job %s failed", job_id)
-            return _end(job, problem_of("internal_error"))
+        with _shared().attempt(job):
+            return _attempt(job)
+
+
+def _attempt(job: Job) -> str:
+    try:
+        return _run(job)
+    except Ended as end:
+        return _end(job, end.problem)
+    except dbos_error.DBOSMaxStepRetriesExceeded as error:
+        log.exception("job %s failed", job.id)
+        full = any(isinstance(cause, OSError) and cause.errno == errno.ENOSPC for cause in error.errors)
+        return _end(job, problem_of("disk_full" if full else "internal_error"))
+    except dbos_error.DBOSException:
+        raise  # the engine's own affair, such as another worker having taken this job over
+    except Exception:
+        log.exception("job %s failed", job.id)
+        return _end(job, problem_of("internal_error"))
 
 
 def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
@@ -176,7 +182,7 @@ def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
 @_step
 def survey(runtime: Runtime, job: Job) -> Outcome:
     """Measure noise and spacing, and choose what the caller left open."""
-    with runtime.at_work(job, Progress(runtime, job, 0).check):
+    with runtime.at_work(job, Progress(runtime, job, 0).check), runtime.stage("survey"):
         denoiser = settled(runtime, job)
         points = read_upload(runtime, job).points
         chosen = denoiser.plan(points, iterations=job.parameters["iterations"], radius=job.parameters["radius"])
@@ -198,11 +204,13 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, before: str | None, 
     work = prepared(runtime, job, iteration, before)
     base = iteration * len(work.cloud)
     done, model, name = base + start, job.parameters["model"], tile_name(iteration, start)
-    with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done) as give_way:
+    with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done) as give_way, tracing.span("tile"):
         progress = Progress(runtime, job, done, give_way)
         began = time.monotonic()
         tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
-        runtime.measured(model, stop - start, time.monotonic() - began - progress.lent)
+        seconds = time.monotonic() - began - progress.lent
+        runtime.measured(model, stop - start, seconds)
+        runtime.measures.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)
         store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
         runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.speed(model))
     log.info("job %s iteration %d tile %d-%d done", job.id, iteration, start, stop)
@@ -215,7 +223,7 @@ def merge(
 ) -> Outcome:
     """Put the tiles of an iteration back into the order of the input."""
     cloud = prepared(runtime, job, iteration, before).cloud
-    with runtime.at_work(job, Progress(runtime, job, (iteration + 1) * len(cloud)).check):
+    with runtime.at_work(job, Progress(runtime, job, (iteration + 1) * len(cloud)).check), runtime.stage("merge"):
         points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
         flagged = np.zeros(len(cloud), bool)
         if before is None:
@@ -235,7 +243,7 @@ def merge(
 @_step
 def finish(runtime: Runtime, job: Job, last: str) -> Outcome:
     """Write the result as it came in, as PLY and as NPZ, all that repeats the run, and what the page draws."""
-    with runtime.at_work(job, Progress(runtime, job, job.total).check):
+    with runtime.at_work(job, Progress(runtime, job, job.total).check), runtime.stage("result"):
         return _finished(runtime, job, load_arrays(runtime, job.id, last))
 
 

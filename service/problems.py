@@ -30,6 +30,7 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "not_found": (404, "No such page"),
     "job_not_found": (404, "No such job"),
     "display_not_found": (404, "Nothing to draw"),
+    "model_not_found": (404, "No such model"),
     "method_not_allowed": (405, "Method not allowed"),
     "not_acceptable": (406, "No result in that format"),
     "headers_too_slow": (408, "The headers took too long"),
@@ -63,6 +64,8 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "disk_full": (503, "Not enough disk space"),
     "too_busy": (503, "Too many requests at the same time"),
     "not_ready": (503, "Not ready"),
+    "draining": (503, "No new jobs for now"),
+    "stopping": (503, "The service is stopping"),
     "database_unavailable": (503, "The job database cannot be reached"),
     "storage_unavailable": (503, "The storage cannot be reached"),
     # How a job may fail; shown in the job's `problem`.
@@ -180,6 +183,15 @@ def disk_full() -> Problem:
     )
 
 
+def unexpected() -> Problem:
+    """Return the problem for an error of the service itself."""
+    return Problem(
+        "internal_error",
+        "The service met an error of its own.",
+        hint="The log of the service says more, under the X-Request-ID of this answer.",
+    )
+
+
 def install(app: FastAPI) -> None:
     """Answer every exception of `app` with a problem."""
 
@@ -199,7 +211,7 @@ def install(app: FastAPI) -> None:
     async def on_database(request: Request, error: Exception) -> JSONResponse:
         if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
             return disk_full().response(request)
-        log.error("database error on %s: %s", request.url.path, type(error).__name__, exc_info=error)
+        log.error("database error: %s", type(error).__name__, exc_info=error)
         problem = Problem("database_unavailable", "The job database did not answer.", headers={"Retry-After": "5"})
         return problem.response(request)
 
@@ -215,10 +227,7 @@ def install(app: FastAPI) -> None:
         return problem.response(request)
 
     async def on_error(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
-        problem = Problem(
-            "internal_error", "The service met an error of its own.", hint="The log of the service says more."
-        )
-        return problem.response(request)
+        return unexpected().response(request)
 
     app.add_exception_handler(Problem, on_problem)
     app.add_exception_handler(HTTPException, on_http)

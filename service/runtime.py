@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from . import logs, tracing
 from .attempts import Attempts
 from .job import Job
+from .measures import Measures
 from .models import Models
 from .settings import Settings
 from .storage import Storage
@@ -29,6 +31,7 @@ class Runtime:
         The jobs whose workflows run, and those that were let go of because this process stops.
     turns : Turns
         Who of them may compute.
+    measures : Measures
     """
 
     def __init__(self, settings: Settings, storage: Storage, attempts: Attempts, models: Models, turns: Turns) -> None:
@@ -37,6 +40,7 @@ class Runtime:
         self.attempts = attempts
         self.models = models
         self.turns = turns
+        self.measures = Measures()
         self.kept: dict[str, Any] = {}
         self.in_hand: set[str] = set()
         self.parked: set[str] = set()
@@ -54,6 +58,23 @@ class Runtime:
         finally:
             self.kept.pop(job_id, None)
             self.in_hand.discard(job_id)
+
+    @contextmanager
+    def attempt(self, job: Job) -> Iterator[None]:
+        """Work through a job, in the trace and with the request id of the request that made it."""
+        if job.execution is None and job.started_at is not None:
+            self.measures.waited((job.started_at - job.created_at) / 1000)
+        context = job.context or {}
+        request_id = {name: value for name, value in context.items() if name == "request_id"}
+        with logs.about(job_id=job.id, **request_id), tracing.span("job", carrier=context) as span:
+            span.set_attribute("pcdnf.job.id", job.id)
+            yield
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time a stage of a job, one of :data:`service.measures.STAGES`."""
+        with tracing.span(name), self.measures.stage(name):
+            yield
 
     @contextmanager
     def at_work(

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import socket
+import time
+from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
-from .process import configure_logging, die_with_supervisor, load_settings, refuse
+from .process import SUPERVISOR_VARIABLE, die_with_supervisor, load_settings, observe, refuse
 from .protocol import Protocol
 from .settings import Settings, SettingsError
 
@@ -20,14 +23,34 @@ KEEP_ALIVE_SECONDS = 15
 
 
 class Server(uvicorn.Server):
-    """uvicorn, which ends the requests that wait for jobs before it waits for requests to end."""
+    """uvicorn, but it goes on answering while the requests in hand are finished, and says that it stops.
+
+    Under a supervisor it answers until a second signal tells that the worker has come to rest, too.
+    """
+
+    def __init__(self, app: FastAPI, config: uvicorn.Config, grace_seconds: float) -> None:
+        super().__init__(config)
+        self._state, self._grace = app.state, grace_seconds
+        self._signals = 0
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Stop: not ready and no new jobs from here on."""
+        self._state.stop.begin()
+        self._signals += 1
+        super().handle_exit(sig, frame)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close the listener and wait for the requests in hand."""
-        app = self.config.app
-        assert isinstance(app, FastAPI)
-        app.state.watch.close()
+        """Wait for the requests in hand, those that wait for jobs ended, then close the listener."""
+        deadline = time.monotonic() + self._grace
+        self._state.watch.close()
+        while (self._state.stop.in_hand or self._held) and time.monotonic() < deadline and not self.force_exit:
+            await asyncio.sleep(0.05)
+        self.config.timeout_graceful_shutdown = max(1, int(deadline - time.monotonic()))
         await super().shutdown(sockets)
+
+    @property
+    def _held(self) -> bool:
+        return self._signals < 2 and os.environ.get(SUPERVISOR_VARIABLE) == str(os.getppid())
 
 
 def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -37,10 +60,9 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
         http=Protocol,
         ws="none",
         log_config=None,
-        access_log=settings.log_level == "debug",
+        access_log=False,  # see service.observer
         server_header=False,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=int(settings.grace_seconds),
     )
 
 
@@ -77,7 +99,7 @@ def url(settings: Settings, listener: socket.socket) -> str:
 def main() -> None:
     """Serve until SIGTERM or SIGINT."""
     settings = load_settings()
-    configure_logging(settings)
+    observe(settings, "pcdnf-api")
     die_with_supervisor()
     try:
         app = create_app(settings)
@@ -85,9 +107,10 @@ def main() -> None:
         listener = bind(settings) if inherited is None else socket.socket(fileno=int(inherited))
     except SettingsError as error:
         refuse(str(error))
+    server = Server(app, configuration(app, settings), settings.grace_seconds)
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: None)  # uvicorn raises the signal again once it has shut down
-    Server(configuration(app, settings)).run(sockets=[listener])
+        signal.signal(number, server.handle_exit)  # uvicorn raises the signal again once it has shut down
+    server.run(sockets=[listener])
 
 
 if __name__ == "__main__":

@@ -167,6 +167,9 @@ class Settings(BaseSettings):
         30.0, gt=0, description="Seconds that requests and the running tile get to finish after SIGTERM."
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least severe log line shown.")
+    log_format: Literal["text", "json"] = Field(
+        "text", description="Lines of the log: `text` for people, or `json`, an object a line, for programs."
+    )
 
     @field_validator("database_url")
     @classmethod

@@ -12,9 +12,11 @@ from .conversion import Converter
 from .idempotency import Claims
 from .inspection import Inspector
 from .jobs import Jobs
+from .metrics import ApiMetrics
 from .rates import Rates
 from .retention import Retention
 from .settings import Settings
+from .stop import Stop
 from .storage import Storage
 from .watch import Watch
 from .workers import Workers
@@ -26,6 +28,8 @@ class State:
     settings: Settings
     keys: Keys
     rates: Rates
+    stop: Stop
+    metrics: ApiMetrics
     engine: sa.Engine
     storage: Storage
     jobs: Jobs

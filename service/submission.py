@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import sqlalchemy as sa
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
-from . import uploads
+from . import logs, uploads
 from .admission import Load
 from .idempotency import Claim, Claims, fingerprint, idempotency_key
 from .job import Job, new_id
+from .observer import timed
 from .parameters import Parameters, job_parameters
 from .problems import Problem
 from .state import State
 from .storage import UPLOAD, job_file
 from .uploads import Upload
+
+log = logging.getLogger(__name__)
 
 
 async def accept(request: Request, state: State, owner: str) -> Job:
@@ -28,6 +32,7 @@ async def accept(request: Request, state: State, owner: str) -> Job:
         For everything a caller can do wrong, and for want of room.
     """
     settings = state.settings
+    state.stop.check_open()
     query = request.query_params.multi_items()
     job_parameters(query, settings)  # before the body is read
     async with state.claims.held(owner, idempotency_key(request)) as claim:
@@ -36,7 +41,8 @@ async def accept(request: Request, state: State, owner: str) -> Job:
             await run_in_threadpool(state.jobs.check_room, owner, Load(1, expected, 1))
         await run_in_threadpool(state.retention.make_room, expected)
         path = state.storage.scratch()
-        upload = await uploads.receive(request, path, settings)
+        with timed("upload", state.metrics):
+            upload = await uploads.receive(request, path, settings)
         try:
             parameters = job_parameters([*query, *upload.fields], settings)
             if claim is not None and claim.job is not None:
@@ -63,7 +69,8 @@ def _again(state: State, claim: Claim, upload: Upload, parameters: Parameters) -
 async def _queue(
     state: State, owner: str, path: Path, upload: Upload, parameters: Parameters, claim: Claim | None
 ) -> Job:
-    found = await state.inspector.inspect(path, parameters, text=upload.is_text)
+    with timed("check", state.metrics):
+        found = await state.inspector.inspect(path, parameters, text=upload.is_text)
     job_id = new_id()
 
     def bind(connection: sa.Connection) -> None:
@@ -73,23 +80,28 @@ async def _queue(
 
     def submit() -> Job:
         try:
-            state.storage.put(path, job_file(job_id, UPLOAD))
-            return state.jobs.submit(
-                job_id,
-                owner=owner,
-                parameters=parameters.model_dump(),
-                upload={
-                    "name": upload.name,
-                    "format": found.format,
-                    "bytes": upload.size,
-                    "points": found.points,
-                    "has_normals": found.has_normals,
-                },
-                warnings=found.warnings,
-                also=bind,
-            )
+            with timed("store", state.metrics):
+                state.storage.put(path, job_file(job_id, UPLOAD))
+            with timed("queue", state.metrics):
+                return state.jobs.submit(
+                    job_id,
+                    owner=owner,
+                    parameters=parameters.model_dump(),
+                    upload={
+                        "name": upload.name,
+                        "format": found.format,
+                        "bytes": upload.size,
+                        "points": found.points,
+                        "has_normals": found.has_normals,
+                    },
+                    warnings=found.warnings,
+                    also=bind,
+                )
         except (Problem, OSError):  # refused, or the disk is full: nothing was committed
             state.storage.delete_job(job_id)
             raise
 
-    return await run_in_threadpool(submit)
+    with logs.about(job_id=job_id):
+        job = await run_in_threadpool(submit)
+        log.info("accepted %d points as %s, %d bytes", found.points, found.format, upload.size)
+        return job

@@ -110,8 +110,12 @@ def supervise(settings: Settings, listener: socket.socket) -> int:
             result = EX_CONFIG
             break
         time.sleep(0.1)
+    listener.close()  # from here on the API's is the last one, and once that is closed callers are not kept waiting
     for child in children:
         child.signal(signal.SIGTERM)
     deadline = time.monotonic() + settings.grace_seconds + KILL_MARGIN
-    clean = [child.wait(deadline) for child in children]
+    api_process, worker = children
+    clean = [worker.wait(deadline)]
+    api_process.signal(signal.SIGTERM)  # until now it told callers that the service stops
+    clean.append(api_process.wait(deadline))
     return result or (0 if all(clean) else 1)

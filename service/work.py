@@ -142,7 +142,7 @@ def prepared(runtime: Runtime, job: Job, iteration: int, before: str | None) -> 
     if isinstance(kept, Prepared) and kept.iteration == iteration:
         return kept
     progress = Progress(runtime, job, iteration * job.upload["points"])
-    with runtime.at_work(job, progress.check):
+    with runtime.at_work(job, progress.check), runtime.stage("prepare"):
         runtime.kept.pop(job.id, None)  # the cloud before may be large
         denoiser = settled(runtime, job)
         given = read_upload(runtime, job)

@@ -9,25 +9,27 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import IO
 
 import sqlalchemy as sa
 
 from pcdnf.errors import PcdnfError
 
-from . import database
+from . import database, tracing
 from .attempts import Attempts
 from .jobs import Jobs
 from .problems import Problem
-from .process import EX_CONFIG, configure_logging, die_with_supervisor, load_settings, refuse
+from .process import EX_CONFIG, die_with_supervisor, load_settings, observe, refuse
 from .recovery import launch, settle, take_over
 from .retention import Retention
 from .settings import Settings, SettingsError
 from .storage import StorageError, open_storage
 from .workers import Workers
 
-log = logging.getLogger(__name__)
+log = logging.getLogger("service.worker")  # not __main__
 
 PURGE_SECONDS = 60.0
 STORAGE_SECONDS = 180.0  # that a step waits for a storage that does not answer, three times
@@ -82,6 +84,7 @@ class Heart:
         self.details: dict[str, object] = {}
         self.job: str | None = None
         self.points_per_second: float | None = None
+        self.metrics: Callable[[], str] | None = None
         self._thread = threading.Thread(target=self._run, name="heart", daemon=True)
 
     def start(self) -> None:
@@ -105,6 +108,7 @@ class Heart:
                 details=self.details,
                 job=self.job,
                 points_per_second=self.points_per_second,
+                metrics=self.metrics and self.metrics(),
             )
 
     def _run(self) -> None:
@@ -118,7 +122,7 @@ class Heart:
 def main() -> None:
     """Run jobs until SIGTERM or SIGINT; the tile in hand is finished and checkpointed first."""
     settings = load_settings()
-    configure_logging(settings)
+    observe(settings, "pcdnf-worker")
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
@@ -150,6 +154,7 @@ def main() -> None:
         log.exception("worker %s fails", settings.executor_id)
     heart.stop()
     slot.close()
+    tracing.close()
     logging.shutdown()
     os._exit(status)  # a parked workflow waits in its thread for this
 
@@ -184,6 +189,7 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     if stopping.is_set():
         return
     launch(settings, engine)
+    heart.metrics = partial(runtime.measures.text, models.device)
     heart.state = "ready"
     heart.beat()
     log.info("worker %s ready on %s", settings.executor_id, models.device)

@@ -22,6 +22,7 @@ class Worker:
     details: dict[str, Any]
     points_per_second: float | None
     age_seconds: float
+    metrics: str | None
 
 
 class Workers:
@@ -44,9 +45,10 @@ class Workers:
         details: dict[str, Any],
         job: str | None = None,
         points_per_second: float | None = None,
+        metrics: str | None = None,
     ) -> None:
         """Record that `worker_id` is alive. A speed of None leaves the last one in place."""
-        values = {"pid": pid, "state": state, "details": details, "job": job, "beat_at": now_ms()}
+        values = {"pid": pid, "state": state, "details": details, "job": job, "beat_at": now_ms(), "metrics": metrics}
         if points_per_second is not None:
             values["points_per_second"] = points_per_second
         with self._engine.begin() as connection:

@@ -1,0 +1,45 @@
+"""What an operator has switched on, for every process and until it is switched off: draining.
+
+A drained service takes no new jobs; those it has are worked off, and everything else is answered.
+"""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from .database import now_ms
+from .database import switches as table
+from .problems import Problem
+
+DRAIN = "drain"
+RETRY_SECONDS = 60
+
+
+def is_on(connection: sa.Connection, name: str) -> bool:
+    """Return whether a switch is on."""
+    return connection.execute(sa.select(table.c.name).where(table.c.name == name)).scalar() is not None
+
+
+def turn(connection: sa.Connection, name: str, *, on: bool) -> None:
+    """Turn a switch; one that is so already stays so."""
+    if not on:
+        connection.execute(table.delete().where(table.c.name == name))
+    elif not is_on(connection, name):
+        connection.execute(table.insert().values(name=name, since=now_ms()))
+
+
+def check_open(connection: sa.Connection) -> None:
+    """Refuse a new job while the service is drained.
+
+    Raises
+    ------
+    Problem
+        503 ``draining``.
+    """
+    if is_on(connection, DRAIN):
+        raise Problem(
+            "draining",
+            "The service takes no new jobs for now; those it has are worked off.",
+            hint="Send the file again after the seconds in Retry-After.",
+            headers={"Retry-After": str(RETRY_SECONDS)},
+        )

@@ -1,0 +1,80 @@
+"""Traces by OpenTelemetry: the caller's ``traceparent``, through the request, into the job and its stages.
+
+Without the extra ``traces``, or without ``OTEL_EXPORTER_OTLP_ENDPOINT``, spans cost next to nothing and go nowhere; the
+caller's trace id is in the log all the same.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from opentelemetry import trace
+from opentelemetry.context import Context
+from opentelemetry.trace import Span, SpanKind
+from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
+
+from .logs import ids
+
+ENDPOINTS = ("OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT")
+FLUSH_MS = 3000
+
+_propagator = TraceContextTextMapPropagator()
+
+
+class TracesMissing(Exception):
+    """Traces are asked for, and their libraries are not installed; the text says what to do."""
+
+
+def wanted() -> bool:
+    """Return whether the environment says where to send spans."""
+    return any(os.environ.get(name) for name in ENDPOINTS)
+
+
+def configure(service: str) -> None:
+    """Send spans where the environment says, by OTLP over HTTP, under this name unless OTEL_SERVICE_NAME gives one.
+
+    Raises
+    ------
+    TracesMissing
+    """
+    if not wanted():
+        return
+    try:
+        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
+        from opentelemetry.sdk.resources import Resource
+        from opentelemetry.sdk.trace import TracerProvider
+        from opentelemetry.sdk.trace.export import BatchSpanProcessor
+    except ImportError as error:
+        raise TracesMissing(
+            f"{' or '.join(ENDPOINTS)} is set, but the libraries that send traces are not installed. "
+            "Run: pip install 'pcdnf[traces]', or unset it."
+        ) from error
+    name = os.environ.get("OTEL_SERVICE_NAME", service)
+    provider = TracerProvider(resource=Resource.create({"service.name": name}))
+    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
+    trace.set_tracer_provider(provider)
+
+
+def close() -> None:
+    """Send what was not sent yet; for a process that ends without Python's own farewell."""
+    flush = getattr(trace.get_tracer_provider(), "force_flush", None)
+    if flush is not None:
+        flush(FLUSH_MS)
+
+
+@contextmanager
+def span(name: str, *, carrier: Mapping[str, str] | None = None, server: bool = False) -> Iterator[Span]:
+    """Time what happens inside as a span, below the one in `carrier`'s ``traceparent`` or else the present one."""
+    parent = None if carrier is None else _propagator.extract(carrier, context=Context())
+    kind = SpanKind.SERVER if server else SpanKind.INTERNAL
+    with trace.get_tracer("pcdnf").start_as_current_span(name, context=parent, kind=kind) as started:
+        yield started
+
+
+def carried() -> dict[str, str]:
+    """Return what a job takes with it from the request that makes it: `request_id`, `traceparent`, `tracestate`."""
+    carrier = {name: value for name, value in ids().items() if name == "request_id"}
+    _propagator.inject(carrier)
+    return carrier
