@@ -14,7 +14,6 @@ from .settings import Settings
 from .storage import Storage, StorageError
 from .workers import Workers
 
-
 NOT_YET = {"starting": "A worker is loading its model.", "stopping": "The worker is stopping."}
 
 

@@ -395,7 +395,8 @@ def test_openapi_shows_every_route_and_error(running: Service) -> None:
     assert document["openapi"].startswith("3.1")
     assert set(document["paths"]) == {"/denoise", "/jobs", "/jobs/{job_id}", "/jobs/{job_id}/result",
                                       "/jobs/{job_id}/events", "/jobs/{job_id}/display", "/models",
-                                      "/livez", "/readyz"}  # fmt: skip
+                                      "/livez", "/readyz", "/metrics", "/v2", "/v2/health/live", "/v2/health/ready",
+                                      "/v2/models/{model}", "/v2/models/{model}/ready"}  # fmt: skip
     for path, operations in document["paths"].items():
         for operation in operations.values():
             errors = {status: body for status, body in operation["responses"].items() if status[0] in "45"}

@@ -37,6 +37,26 @@ def test_sqlite_is_durable_and_waits_for_its_turn(tmp_path: Path) -> None:
     assert abs(now - time.time() * 1000) < 2000
 
 
+def test_an_older_database_gets_the_columns_it_lacks(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    database.migrate(settings)
+    engine = database.create_engine(settings)
+    with engine.begin() as connection:
+        connection.execute(
+            sa.text("INSERT INTO pcdnf_workers (id, pid, state, details, beat_at) VALUES ('a',1,'',1,1)")
+        )
+        for table, column in (("pcdnf_jobs", "context"), ("pcdnf_workers", "metrics")):
+            connection.execute(sa.text(f"ALTER TABLE {table} DROP COLUMN {column}"))
+        connection.execute(sa.text("DROP TABLE pcdnf_outcomes"))
+    for _ in range(2):
+        database.migrate(settings)
+    with engine.connect() as connection:
+        assert connection.execute(sa.select(database.workers.c.id, database.workers.c.metrics)).all() == [("a", None)]
+        assert connection.execute(sa.select(database.jobs)).all() == []
+        assert connection.execute(sa.select(database.outcomes)).all() == []
+    engine.dispose()
+
+
 def test_the_clock_on_postgresql() -> None:
     from sqlalchemy.dialects import postgresql
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +12,10 @@ import torch
 from dbos import DBOS
 from service_process import sphere
 
+from pcdnf.checkpoint import WEIGHTS
 from pcdnf.denoiser import Denoiser, TileResult
 from pcdnf.errors import PcdnfError
-from service.models import SMALLEST_BATCH, Models, denoise_tile
+from service.models import MODELS_KEPT, SMALLEST_BATCH, Models, denoise_tile
 from service.process import EX_CONFIG
 from service.settings import Settings
 from service.worker import SlotTaken, limit_threads, take_slot
@@ -74,6 +76,26 @@ def test_models_are_kept_and_said_where_they_run() -> None:
     assert execution["cpu_fallback"] is False
     with pytest.raises(PcdnfError, match="no model"):
         models.get("nothing")
+
+
+def test_the_model_not_used_for_longest_leaves(tmp_path: Path) -> None:
+    copies = [tmp_path / f"{number}.safetensors" for number in range(MODELS_KEPT)]
+    for copy in copies:
+        shutil.copy(WEIGHTS / "pcdnf-lite.safetensors", copy)
+    models = Models(Settings(device="cpu"))
+    names = ["pcdnf-lite", *map(str, copies)]
+    first, second, *_ = [models.get(name) for name in names[:-1]]
+    assert models.get(names[0]) is first  # so the second is the one not used for longest
+    models.get(names[-1])
+    assert models.get(names[0]) is first
+    assert models.get(names[1]) is not second
+
+
+def test_a_worker_listens_nowhere_and_needs_no_key(tmp_path: Path) -> None:
+    ended = _worker(tmp_path, host="0.0.0.0", default_model="nothing")  # it gets as far as its model
+    assert ended.returncode == EX_CONFIG
+    assert "no model" in ended.stderr
+    assert "PCDNF_API_KEY" not in ended.stderr
 
 
 class _Small:
