@@ -8,6 +8,7 @@ No label holds anything of a caller's: no job, no file name, no key.
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from .database import jobs as table
 from .database import now_ms
 from .job import LIVE
 from .settings import Settings
-from .storage import Storage
+from .storage import Storage, StorageError
 from .workers import Worker, Workers
 
 DISK_SECONDS = 60.0  # between two looks at what the files take
@@ -101,8 +102,13 @@ class Deployment(Collector):
 
     def _disk(self) -> Iterator[Metric]:
         if time.monotonic() - self._looked >= DISK_SECONDS:
-            self._used, self._looked = float(self._storage.used_bytes()), time.monotonic()
+            self._looked = time.monotonic()
+            try:
+                self._used = float(self._storage.used_bytes())
+            except StorageError:
+                self._used = math.nan
         free, settings = self._storage.free_bytes(), self._settings
+        yield _gauge("pcdnf_storage_up", "Whether the storage answers", not math.isnan(self._used))
         yield _gauge("pcdnf_disk_free_bytes", "Free space of the disk", free)
         yield _gauge("pcdnf_disk_min_free_bytes", "Free space that is kept", settings.min_free_bytes)
         yield _gauge("pcdnf_disk_used_bytes", "Files of jobs, looked at once a minute", self._used)

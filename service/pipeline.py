@@ -204,7 +204,8 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, before: str | None, 
     work = prepared(runtime, job, iteration, before)
     base = iteration * len(work.cloud)
     done, model, name = base + start, job.parameters["model"], tile_name(iteration, start)
-    with runtime.at_work(job, Progress(runtime, job, done).check, left=job.total - done) as give_way, tracing.span("tile"):
+    left = job.total - done
+    with runtime.at_work(job, Progress(runtime, job, done).check, left=left) as give_way, tracing.span("tile"):
         progress = Progress(runtime, job, done, give_way)
         began = time.monotonic()
         tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)

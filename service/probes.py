@@ -78,7 +78,7 @@ def install(app: FastAPI) -> None:
         tags=["probes"],
         response_class=Response,
         dependencies=[Depends(caller)],
-        responses=METRICS | errors(401, 429),
+        responses=METRICS | errors(401, 422, 429),
     )
     def metrics(state: StateIn, accept: Annotated[str, Header()] = "") -> Response:
         """Return what Prometheus collects; asks for a key where the service has keys."""
@@ -105,7 +105,7 @@ def install(app: FastAPI) -> None:
         "/v2/models/{model}",
         tags=["open inference protocol"],
         dependencies=[Depends(caller)],
-        responses=errors(401, 404, 429),
+        responses=errors(401, 404, 422, 429),
     )
     async def model(model: str) -> ModelMetadata:
         """Return what a model takes and gives."""
@@ -115,7 +115,7 @@ def install(app: FastAPI) -> None:
         "/v2/models/{model}/ready",
         tags=["open inference protocol"],
         dependencies=[Depends(caller)],
-        responses=errors(401, 404, 429),
+        responses=errors(401, 404, 422, 429),
     )
     def model_ready(state: StateIn, model: str) -> Ready:
         """Answer 200 for a model there is, where `/readyz` does; it is loaded at its first job."""

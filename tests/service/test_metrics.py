@@ -97,7 +97,7 @@ def test_the_queue(make_served: Any, board: Board) -> None:
 def test_every_worker_is_shown_by_every_api(make_served: Any, board: Board) -> None:
     for name, points in (("a", 10), ("b", 32)):
         measures = Measures()
-        measures.tile("pcdnf-lite", "cpu", points, 256)
+        measures.tile("pcdnf-lite", "cpu", points, 256, 0.5)
         details = {
             "device": "cpu",
             "precision": "float32",
