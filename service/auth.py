@@ -55,6 +55,11 @@ class Keys:
         """Whether callers need a key."""
         return bool(self._fixed) or self._path is not None
 
+    @property
+    def count(self) -> int:
+        """How many keys are in force."""
+        return len(self._fixed | self._named)
+
     def owner(self, key: str) -> str | None:
         """Return the name of `key`, or None; every stored key is compared, in constant time."""
         self._refresh()

@@ -1,8 +1,9 @@
-"""``pcdnf serve``: the whole service from one command."""
+"""The commands of the service: ``pcdnf serve``, ``pcdnf drain`` and ``pcdnf doctor``."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ OPTIONS = {
     "data-dir": "folder of uploads, results and the job database",
     "device": "auto, cpu or cuda:N",
 }
+SETTINGS = "Settings are PCDNF_* environment variables, listed in docs/settings.md; an option here wins."
 
 
 def add_serve(subparsers: Subparsers) -> None:
@@ -23,20 +25,44 @@ def add_serve(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "serve",
         help="run the REST service",
-        description="Run the API and a worker until SIGTERM or Ctrl-C. Settings are PCDNF_* environment variables, "
-        "listed in docs/settings.md; an option here wins.",
+        description=f"Run the API and a worker until SIGTERM or Ctrl-C. {SETTINGS}",
     )
-    for name, help_ in OPTIONS.items():
-        parser.add_argument(f"--{name}", help=help_)
+    _add_options(parser, *OPTIONS)
     parser.set_defaults(run=serve)
+
+
+def add_drain(subparsers: Subparsers) -> None:
+    """Add the command ``drain``."""
+    parser = subparsers.add_parser(
+        "drain",
+        help="let the service take no new jobs, and finish those it has",
+        description="Let every API on this job database take no new jobs, until --off; those it has are finished. "
+        f"{SETTINGS}",
+    )
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--off", action="store_true", help="take new jobs again")
+    what.add_argument("--status", action="store_true", help="change nothing, say how the service stands")
+    parser.add_argument("--wait", action="store_true", help="come back when no job is unfinished")
+    _add_options(parser, "data-dir")
+    parser.set_defaults(run=drain)
+
+
+def add_doctor(subparsers: Subparsers) -> None:
+    """Add the command ``doctor``."""
+    parser = subparsers.add_parser(
+        "doctor",
+        help="look whether everything the service needs is in order",
+        description="Look at Python, device, weights, data folder, disk, storage, job database, keys, port, and at a "
+        f"running service. Exit status 1 where there is a problem. {SETTINGS}",
+    )
+    parser.add_argument("--json", action="store_true", help="print a JSON array of what was found")
+    _add_options(parser, *OPTIONS)
+    parser.set_defaults(run=doctor)
 
 
 def serve(arguments: argparse.Namespace) -> int:
     """Run the service; return the exit status."""
-    for name in OPTIONS:
-        value = getattr(arguments, name.replace("-", "_"))
-        if value is not None:
-            os.environ[f"PCDNF_{name.replace('-', '_').upper()}"] = value
+    _take_options(arguments)
     from . import logs
     from .process import load_settings, refuse
     from .server import bind
@@ -51,3 +77,46 @@ def serve(arguments: argparse.Namespace) -> int:
     except SettingsError as error:
         refuse(str(error))
     return supervise(settings, listener)
+
+
+def drain(arguments: argparse.Namespace) -> int:
+    """Turn draining on or off; return the exit status."""
+    _take_options(arguments)
+    from .drain import drain
+    from .process import load_settings, refuse
+    from .settings import SettingsError
+
+    try:
+        drain(load_settings(), on=None if arguments.status else not arguments.off, wait=arguments.wait)
+    except SettingsError as error:
+        refuse(str(error))
+    return 0
+
+
+def doctor(arguments: argparse.Namespace) -> int:
+    """Print what was found; return 1 where there is a problem."""
+    _take_options(arguments)
+    from .doctor import examine, tell
+    from .process import load_settings
+
+    found = []
+    for finding in examine(load_settings()):
+        found.append(finding)
+        if not arguments.json:
+            tell(finding)
+    if arguments.json:
+        print(json.dumps([finding.to_json() for finding in found], indent=1))
+    return 1 if any(finding.level == "problem" for finding in found) else 0
+
+
+def _add_options(parser: argparse.ArgumentParser, *names: str) -> None:
+    for name in names:
+        parser.add_argument(f"--{name}", help=OPTIONS[name])
+
+
+def _take_options(arguments: argparse.Namespace) -> None:
+    """Put options where the settings, and child processes, find them."""
+    for name in OPTIONS:
+        value = getattr(arguments, name.replace("-", "_"), None)
+        if value is not None:
+            os.environ[f"PCDNF_{name.replace('-', '_').upper()}"] = value

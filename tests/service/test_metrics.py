@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from service_process import Served, Service
 from service import switches
 from service.database import jobs as table
 from service.measures import STAGES, Measures
-from service.metrics import Deployment
+from service.metrics import ApiMetrics, Deployment
 
 LABELS = {
     "method", "route", "status", "stage", "le", "version", "python", "outcome", "code", "worker", "state", "device",
@@ -154,3 +155,29 @@ def test_openmetrics_for_those_who_ask(make_served: Any) -> None:
     response = make_served().client.get("/metrics", headers=accept)
     assert response.headers["content-type"].startswith("application/openmetrics-text")
     assert response.text.endswith("# EOF\n")
+
+
+SUFFIXES = {"histogram": ("_bucket", "_sum", "_count"), "counter": ("_total",), "info": ("_info",)}
+
+
+def test_the_dashboard_asks_for_what_there_is(board: Board) -> None:
+    metrics = ApiMetrics()
+    metrics.registry.register(Deployment(board.engine, board.storage, board.settings))
+    board.workers.beat("a", pid=1, state="ready", details={}, metrics=Measures().text("cpu"))
+    known = {
+        family.name + suffix
+        for family in metrics.registry.collect()
+        for suffix in SUFFIXES.get(family.type, ("",))
+    }
+    path = Path(__file__).parents[2] / "docker" / "grafana-dashboard.json"
+    panels = json.loads(path.read_text())["panels"]
+    queries = [target["expr"] for panel in panels for target in panel["targets"]]
+    asked = {name for query in queries for name in re.findall(r"\bpcdnf_\w+", query)}
+    assert asked <= known
+    assert {name for query in queries for group in re.findall(r"by \(([^)]*)\)", query) for name in group.split(", ")} <= LABELS
+    page = (Path(__file__).parents[2] / "docs" / "operations.md").read_text()
+    for family in metrics.registry.collect():
+        assert f"`{family.name}" in page, family.name
+    assert {name for name in re.findall(r"`(pcdnf_\w+)", page) if not name.endswith("_")} <= known | {
+        family.name for family in metrics.registry.collect()
+    }
