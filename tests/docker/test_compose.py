@@ -71,6 +71,11 @@ def test_serving_other_machines_takes_keys_and_the_proxy() -> None:
     assert "./docker/nginx.conf:/etc/nginx/nginx.conf:ro" in proxy["volumes"]
 
 
+def test_the_proxy_keeps_metrics_inside() -> None:
+    configuration = (ROOT / "docker" / "nginx.conf").read_text()
+    assert re.search(r"location = /metrics \{\s+default_type application/problem\+json;\s+return 404 ", configuration)
+
+
 def test_gpu_worker_reserves_a_device_and_stays_out_by_default(services: dict[str, Any]) -> None:
     worker = services["worker-gpu"]
     assert worker["profiles"] == ["gpu"]

@@ -165,16 +165,16 @@ def test_the_dashboard_asks_for_what_there_is(board: Board) -> None:
     metrics.registry.register(Deployment(board.engine, board.storage, board.settings))
     board.workers.beat("a", pid=1, state="ready", details={}, metrics=Measures().text("cpu"))
     known = {
-        family.name + suffix
-        for family in metrics.registry.collect()
-        for suffix in SUFFIXES.get(family.type, ("",))
+        family.name + suffix for family in metrics.registry.collect() for suffix in SUFFIXES.get(family.type, ("",))
     }
     path = Path(__file__).parents[2] / "docker" / "grafana-dashboard.json"
     panels = json.loads(path.read_text())["panels"]
     queries = [target["expr"] for panel in panels for target in panel["targets"]]
     asked = {name for query in queries for name in re.findall(r"\bpcdnf_\w+", query)}
     assert asked <= known
-    assert {name for query in queries for group in re.findall(r"by \(([^)]*)\)", query) for name in group.split(", ")} <= LABELS
+    assert {
+        name for query in queries for group in re.findall(r"by \(([^)]*)\)", query) for name in group.split(", ")
+    } <= LABELS
     page = (Path(__file__).parents[2] / "docs" / "operations.md").read_text()
     for family in metrics.registry.collect():
         assert f"`{family.name}" in page, family.name
