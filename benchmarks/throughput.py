@@ -1,34 +1,55 @@
-"""Patches per second of the network: edge-building form, folded float32, folded bfloat16, in turns.
+"""How fast: the networks' forms in turns, and whole passes over clouds of several sizes.
 
-    python benchmarks/throughput.py [--rounds 7] [--batch 32] [--threads 2]
+    python benchmarks/throughput.py                                     # patches a second of each form, modules
+    python benchmarks/throughput.py --parts scaling --points 10000,100000,1000000 --threads 1,2
+    python benchmarks/throughput.py --parts tiles --points 10000000     # ten million points, three tiles of them
 
-The forms take turns within each round, so that whatever else the machine does hits all of them; the ratios are
-medians over the rounds, to the edge-building form in the same batches and in the small ones that suit its caches
-best. Measure on an idle machine: others' load slows forms with many short parallel loops most. The breakdown
-times each module of the folded forms by itself.
+``forms``: the forms take turns within each round, so that whatever else the machine does hits all of them; the ratios
+are medians over the rounds, to the edge-building form in the same batches and in the small ones that suit its caches
+best. ``modules``: microseconds a patch in each module and each kernel of the folded networks, on one thread.
+``scaling``: one pass from file to file in a process of its own (``cloud_run.py``) for each size and number of threads,
+with seconds of each stage, of the wall and (of the processor), and the peak of memory; ``tiles``: the set-up of a large
+cloud and some of its tiles. Measure on an idle machine: others' load slows forms with many short parallel loops most.
+Where it is not idle, seconds of the processor say more.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from statistics import median
 from typing import Any
 
 import torch
 import torch.nn.functional as F
+from numba.core.dispatcher import Dispatcher
 from reference import ReleaseNetwork, random_release
+from stages import Stages
 from torch import Tensor, nn
 
+from pcdnf import fused, fused_fit, fused_lite, selection
+from pcdnf.checkpoint import load_checkpoint
 from pcdnf.folded import FoldedPCDNF
+from pcdnf.folded_lite import FoldedLite
+from pcdnf.layers import Affine
+from pcdnf.models import build_network
 from pcdnf.network import PCDNF, NetworkConfig
 from pcdnf.release import convert_release
 
+PARTS = ("forms", "modules", "scaling", "tiles")
 MODULES = ("points", "normals", "score", "augment_points", "augment_normals", "coordinate", "normal")
+KERNELS = (fused, fused_fit, fused_lite, selection)
+"""Modules whose compiled functions are timed one by one."""
 PLAIN_BATCH = 4
 """The edges of more patches do not stay in the caches."""
+LIGHT_BATCH = 512
+"""Patches a batch of the light network."""
 
 
 def random_patches(count: int, points: int = 512) -> tuple[Tensor, Tensor]:
@@ -84,44 +105,137 @@ def breakdown(network: FoldedPCDNF, points: Tensor, normals: Tensor) -> dict[str
     return {name: 1e6 * seconds / len(points) for name, seconds in parts.items()}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--batch", type=int, default=32, help="patches a round")
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
+def kernels(network: nn.Module, points: Tensor, normals: Tensor) -> dict[str, float]:
+    """Microseconds a patch in the products, in each kernel, and in all that stands between; on one thread."""
+    stages = Stages()
+    stages.watch(Affine, "__call__", "products")
+    for module in KERNELS:
+        for name, kernel in list(vars(module).items()):
+            if isinstance(kernel, Dispatcher) and not name.startswith("_"):
+                stages.watch(module, name, name)
+    try:
+        stages.timed(network, "the rest")(points, normals)
+    finally:
+        stages.end()
+    return {name: 1e6 * float(seconds[1]) / len(points) for name, seconds in stages.seconds.items()}
 
+
+def make_forms(batch: int) -> dict[str, tuple[nn.Module, int, int]]:
+    """Each form, its patches a batch and its points a patch."""
     release = random_release()
     plain = ReleaseNetwork(transpose=False).eval()
     plain.load_state_dict(release)
     network = PCDNF(NetworkConfig()).eval()
     network.load_state_dict(convert_release(release))
-    points, normals = random_patches(arguments.batch)
-    forms = {
-        "edge-building": (plain, arguments.batch),
-        f"edge-building, by {PLAIN_BATCH}": (plain, PLAIN_BATCH),
-        "unfolded float32": (network, arguments.batch),
-        "folded float32": (network.folded(), arguments.batch),
-        "folded bfloat16": (network.folded(torch.bfloat16), arguments.batch),
+    info, state = load_checkpoint("pcdnf-lite")
+    light = build_network(info.kind, info.config).eval()
+    light.load_state_dict(state)
+    few = int(info.recipe["points"])
+    return {
+        "edge-building": (plain, batch, 512),
+        f"edge-building, by {PLAIN_BATCH}": (plain, PLAIN_BATCH, 512),
+        "unfolded float32": (network, batch, 512),
+        "folded float32": (network.folded(), batch, 512),
+        "folded bfloat16": (network.folded(torch.bfloat16), batch, 512),
+        "light float32": (light, LIGHT_BATCH, few),
+        "light bfloat16": (Autocast(light), LIGHT_BATCH, few),
+        "light folded float32": (FoldedLite(light), LIGHT_BATCH, few),
+        "light folded bfloat16": (FoldedLite(light, torch.bfloat16), LIGHT_BATCH, few),
     }
-    for form, batch in forms.values():  # compile
-        in_batches(form, points[:batch], normals[:batch], batch)
-    rates: dict[str, list[float]] = {name: [] for name in forms}
-    for _ in range(arguments.rounds):
-        for name, (form, batch) in forms.items():
-            rates[name].append(arguments.batch / timed(partial(in_batches, form, points, normals, batch)))
 
+
+class Autocast(nn.Module):
+    """A network as torch itself runs it in bfloat16."""
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, *given: Tensor) -> Any:
+        with torch.autocast("cpu", torch.bfloat16):
+            return self.network(*given)
+
+
+def time_forms(rounds: int, batch: int, threads: int) -> None:
+    """Patches a second of each form, and how many times those of the first two."""
+    forms = make_forms(batch)
+    given = {name: random_patches(max(size, batch), points) for name, (_, size, points) in forms.items()}
+    for name, (form, size, _) in forms.items():  # compile
+        in_batches(form, *(x[:size] for x in given[name]), size)
+    rates: dict[str, list[float]] = {name: [] for name in forms}
+    for _ in range(rounds):
+        for name, (form, size, _) in forms.items():
+            count = len(given[name][0])
+            rates[name].append(count / timed(partial(in_batches, form, *given[name], size)))
     same, small, *_ = rates.values()
-    print(f"{arguments.threads} threads, {arguments.rounds} rounds of {arguments.batch} patches of 512 points")
+    print(f"{threads} threads, {rounds} rounds of {batch} patches of 512 points, {LIGHT_BATCH} of the light network's")
     for name, values in rates.items():
         ratios = [median(value / base for value, base in zip(values, by, strict=True)) for by in (same, small)]
         print(f"{name:22}{median(values):8.1f} patches/s {ratios[0]:7.2f} x {ratios[1]:7.2f} x")
-    for name in ("folded float32", "folded bfloat16"):
-        torch.set_num_threads(1)
-        runs = [breakdown(forms[name][0], points, normals) for _ in range(arguments.rounds)]
-        parts = {part: median(run[part] for run in runs) for part in runs[0]}
-        print(f"{name}, us a patch on one thread: " + ", ".join(f"{part} {spent:.0f}" for part, spent in parts.items()))
+
+
+def time_modules(rounds: int, batch: int) -> None:
+    """Microseconds a patch in the modules and the kernels of the folded forms."""
+    torch.set_num_threads(1)
+    for name, (form, size, points) in make_forms(batch).items():
+        if "folded" not in name or "unfolded" in name:
+            continue
+        given = random_patches(size, points)
+        form(*given)
+        for split in (breakdown, kernels) if isinstance(form, FoldedPCDNF) else (kernels,):
+            runs = [split(form, *given) for _ in range(rounds)]
+            parts = {part: median(run[part] for run in runs) for part in runs[0]}
+            shown = ", ".join(f"{part} {spent:.0f}" for part, spent in sorted(parts.items(), key=lambda x: -x[1]))
+            print(f"{name}, {split.__name__}, us a patch on one thread: {shown}")
+
+
+def time_clouds(points: list[int], threads: list[int], model: str, tiles: int) -> None:
+    """One pass over each cloud in a process of its own."""
+    for count in points:
+        for number in threads:
+            began = time.perf_counter()
+            options = ["--points", str(count), "--threads", str(number), "--model", model, "--tiles", str(tiles)]
+            script = Path(__file__).with_name("cloud_run.py")
+            ended = subprocess.run([sys.executable, script, *options], check=True, stdout=subprocess.PIPE)
+            run = json.loads(ended.stdout)
+            stages = ", ".join(f"{name} {spent[0]:.1f} ({spent[1]:.1f})" for name, spent in run["stages"].items())
+            print(
+                f"{count:,} points, {number} threads, {model} in {run['precision']}: set-up {run['setup'][0]:.1f} s, "
+                f"in all {run['seconds'][0]:.1f} s ({run['seconds'][1]:.1f} of the processor), "
+                f"{run['points_per_second']:,.0f} points/s ({run['points_per_processor_second']:,.0f} processor), "
+                f"peak {run['peak_gib']:.2f} GiB; imports {run['import'][0]:.1f} s, process "
+                f"{time.perf_counter() - began:.1f} s with making the cloud\n  {stages}",
+                flush=True,
+            )
+
+
+def names(text: str) -> list[str]:
+    return text.split(",")
+
+
+def numbers(text: str) -> list[int]:
+    return [int(float(value)) for value in text.split(",")]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", type=names, default=["forms", "modules"], help=", ".join(PARTS))
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--batch", type=int, default=32, help="patches a round")
+    parser.add_argument("--threads", type=numbers, default=[torch.get_num_threads()], help="of `scaling`: some, 1,2")
+    parser.add_argument("--points", type=numbers, default=[10_000, 100_000], help="of the clouds: 1e4,1e5,1e6")
+    parser.add_argument("--model", default="pcdnf-lite", help="of the clouds")
+    parser.add_argument("--tiles", type=int, default=3, help="of `tiles`")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads[-1])
+    if "forms" in arguments.parts:
+        time_forms(arguments.rounds, arguments.batch, arguments.threads[-1])
+    if "modules" in arguments.parts:
+        time_modules(arguments.rounds, arguments.batch)
+    if "scaling" in arguments.parts:
+        time_clouds(arguments.points, arguments.threads, arguments.model, 0)
+    if "tiles" in arguments.parts:
+        time_clouds(arguments.points, arguments.threads, arguments.model, arguments.tiles)
 
 
 if __name__ == "__main__":
