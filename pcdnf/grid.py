@@ -11,32 +11,37 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-CROWD = 2000
-"""Points in an average point's cell from which the grid keeps a random subset: a patch draws from those
-anyway, and time and memory stay linear in the cloud."""
+CHOICE = 4
+"""Points of a cell for each that is drawn from a ball: of fuller cells the grid keeps a random subset."""
 
 
 class BallGrid:
-    """Ball queries of one fixed radius; see ``CROWD`` for what happens to dense clouds.
+    """Ball queries of one fixed radius.
 
     Parameters
     ----------
     points : ndarray, (N, 3) float
     radius : float
         In the unit of the points; also the size of a cell.
+    crowd : int
+        Points from which on a cell, and those around it, are thinned to a random subset: time and memory stay linear
+        in a dense cloud.
     """
 
-    def __init__(self, points: NDArray[np.floating], radius: float) -> None:
+    def __init__(self, points: NDArray[np.floating], radius: float, *, crowd: int) -> None:
         self.radius = float(radius)
         self._origin = points.min(0).astype(np.float64)
         cells = np.floor((points - self._origin) / self.radius).astype(np.int64)
         self._dims = cells.max(0) + 1
         keys = (cells[:, 0] * self._dims[1] + cells[:, 1]) * self._dims[2] + cells[:, 2]
-        support = _support(keys)
-        self.order = support[np.argsort(keys[support], kind="stable")]
-        keys = keys[self.order]
-        self._keys, self._starts = np.unique(keys, return_index=True)
-        self._starts = np.append(self._starts, len(keys))
+        self.order = np.argsort(keys, kind="stable")
+        self._keys, counts = _runs(keys[self.order])
+        if counts.max() > crowd:
+            share = crowd / _most_around(self._keys, counts, self._dims)
+            kept = np.random.default_rng(0).random(len(keys))[self.order] < np.repeat(share, counts)
+            self.order = self.order[kept]
+            self._keys, counts = _runs(keys[self.order])
+        self._starts = np.append(0, np.cumsum(counts))
         self._points = np.ascontiguousarray(points[self.order], dtype=np.float64)
 
     def subset(
@@ -86,14 +91,23 @@ class BallGrid:
         return out
 
 
-def _support(keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Points the grid holds: all, or a random subset where balls would hold thousands."""
-    _, counts = np.unique(keys, return_counts=True)
-    crowd = float((counts.astype(np.float64) ** 2).sum() / len(keys))  # points in the cell of an average point
-    if crowd <= CROWD:
-        return np.arange(len(keys))
-    rng = np.random.default_rng(0)
-    return np.sort(rng.choice(len(keys), max(1, int(len(keys) * CROWD / crowd)), replace=False))
+def _runs(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Different values of sorted keys, and how many there are of each."""
+    starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+    return keys[starts], np.diff(np.append(starts, len(keys)))
+
+
+def _most_around(keys: NDArray[np.int64], counts: NDArray[np.int64], dims: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Points in the fullest of a cell and the cells around it, for each: all that a ball touches is thinned alike."""
+    x, y, z = keys // (dims[1] * dims[2]), keys // dims[2] % dims[1], keys % dims[2]
+    most = counts.copy()
+    for dx, dy, dz in np.ndindex(3, 3, 3):
+        near = np.stack([x + dx - 1, y + dy - 1, z + dz - 1])
+        inside = ((near >= 0) & (near < dims[:, None])).all(0)
+        key = (near[0] * dims[1] + near[1]) * dims[2] + near[2]
+        at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+        most = np.maximum(most, np.where(inside & (keys[at] == key), counts[at], 0))
+    return most
 
 
 @nb.njit(cache=True, nogil=True)
@@ -116,6 +130,7 @@ def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inn
             cx = int(np.floor((x - origin[0]) / radius))
             cy = int(np.floor((y - origin[1]) / radius))
             cz = int(np.floor((z - origin[2]) / radius))
+            reach = radius * radius
             hole = inner[b] * inner[b] if inner[b] >= 0 else -1.0
             total = 0
             for ix in range(max(cx - 1, 0), min(cx + 2, dims[0])):
@@ -135,9 +150,8 @@ def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inn
                     for j in range(first, last):
                         dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
                         square = dx * dx + dy * dy + dz * dz
-                        if square <= radius * radius and square > hole and order[j] != ids[b]:
-                            found[total] = order[j]
-                            total += 1
+                        found[total] = order[j]  # and kept by counting it: a branch would be guessed wrong too often
+                        total += (square <= reach) & (square > hole) & (order[j] != ids[b])
             state = _mix(seed ^ _mix(np.uint64(ids[b])))
             for i in range(count):
                 if i >= total:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .frames import principal_axes
-from .grid import BallGrid
+from .grid import CHOICE, BallGrid
 
 CHUNK = 16384
 """Points whose neighbour lists are held at once: bounds the memory at CHUNK x k x 16 bytes."""
@@ -46,17 +46,20 @@ def pca_normals(
     tree = cKDTree(located) if tree is None else tree
     k = min(k, len(located))
     normals = np.empty(located.shape, np.float32)
-    for start in range(0, len(located), CHUNK):
-        if check is not None:
-            check()
-        _, index = tree.query(located[start : start + CHUNK], k, workers=workers)
+    for own in _chunks(tree.indices, check):
+        _, index = tree.query(located[own], k, workers=workers)
         index = np.asarray(index, np.int64).reshape(-1, k)
-        normals[start : start + CHUNK] = principal_axes(located, index)[:, 2]
+        normals[own] = principal_axes(located, index)[:, 2]
     return normals
 
 
 def ball_normals(
-    points: NDArray[np.float64], radius: float, *, most: int = 64, check: Callable[[], None] | None = None
+    points: NDArray[np.float64],
+    radius: float,
+    *,
+    most: int = 64,
+    order: NDArray[np.int64] | None = None,
+    check: Callable[[], None] | None = None,
 ) -> NDArray[np.float32]:
     """PCA normals of a random subset of each point's ball: of adaptive scale where the radius follows the noise.
 
@@ -67,6 +70,8 @@ def ball_normals(
         Of the balls, in the unit of the points.
     most : int
         Points a ball, at most.
+    order : ndarray, (N,) int64, optional
+        In which to work: where neighbours follow one another, most of what is read is in the caches.
     check : callable, optional
         See :func:`pca_normals`.
 
@@ -75,15 +80,19 @@ def ball_normals(
     ndarray, (N, 3) float32
         Unit normals without a consistent sign.
     """
-    grid = BallGrid(points, radius)
+    grid = BallGrid(points, radius, crowd=CHOICE * most)
     normals = np.empty(points.shape, np.float32)
-    for start in range(0, len(points), CHUNK):
-        if check is not None:
-            check()
-        own = np.arange(start, min(start + CHUNK, len(points)))
+    for own in _chunks(np.arange(len(points)) if order is None else order, check):
         index = np.concatenate([own[:, None], grid.subset(points[own], own, most - 1, seed=0)], 1)
         normals[own] = principal_axes(points, index)[:, 2]
     return normals
+
+
+def _chunks(order: NDArray[np.int64], check: Callable[[], None] | None) -> Iterator[NDArray[np.int64]]:
+    for start in range(0, len(order), CHUNK):
+        if check is not None:
+            check()
+        yield order[start : start + CHUNK]
 
 
 def raw_normals(
@@ -117,7 +126,9 @@ def raw_normals(
     """
 
     def estimated() -> NDArray[np.float32]:
-        return ball_normals(points, reach, check=check) if reach else pca_normals(points, tree=tree, check=check)
+        if reach:
+            return ball_normals(points, reach, order=tree.indices, check=check)
+        return pca_normals(points, tree=tree, check=check)
 
     if given is None:
         return estimated()

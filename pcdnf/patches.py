@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .frames import local_patches
-from .grid import BallGrid
+from .grid import CHOICE, BallGrid
 from .scale import Scale
 
 
@@ -122,7 +122,7 @@ class PatchSource:
         tree = cKDTree(points) if tree is None else tree
         self.radius = max(recipe.radius * diagonal, _reach(tree, recipe.fewest))
         self._tree = tree if recipe.kind != "ball" else None
-        self._grid = BallGrid(points, self.radius) if recipe.kind != "knn" else None
+        self._grid = BallGrid(points, self.radius, crowd=CHOICE * recipe.points) if recipe.kind != "knn" else None
 
     def neighbours(self, centres: NDArray[np.int64], *, seed: int | None = None) -> NDArray[np.int64]:
         """Neighbours (B, M) int64 of the points ``centres`` (B,), the centre first, -1 for padding.
