@@ -2,21 +2,47 @@
 
 A worker that dies leaves its job ``open``; the next attempt counts that as a loss, and a finished tile sets the count
 back to zero. So a job that kills its worker at one place fails, while one that merely lived through two power cuts
-goes on.
+goes on. A database that is away for a while only holds a job up.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import sqlalchemy as sa
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from . import outcomes
 from .database import jobs as table
 from .database import now_ms
-from .job import Job, as_job
+from .job import LIVE, Job, as_job
+
+log = logging.getLogger(__name__)
 
 MAX_LOSSES = 2
+RETRY_SECONDS = 1.0
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def patient(method: F) -> F:
+    """Try again for as long as the database is locked, full or away."""
+
+    @functools.wraps(method)
+    def tries(*arguments: Any, **named: Any) -> Any:
+        while True:
+            try:
+                return method(*arguments, **named)
+            except (OperationalError, InterfaceError, PoolTimeoutError) as error:
+                log.warning("the job database does not answer (%s); trying again", type(error).__name__)
+                time.sleep(RETRY_SECONDS)
+
+    return cast(F, tries)
 
 
 class Attempts:
@@ -33,6 +59,7 @@ class Attempts:
         self._engine = engine
         self._ttl_ms = int(ttl * 1000)
 
+    @patient
     def open(self, job_id: str) -> Job | None:
         """Take a job up, counting a loss if it was left open; None if it is not live any more."""
         query = (
@@ -50,23 +77,28 @@ class Attempts:
             row = connection.execute(query).mappings().one_or_none()
         return None if row is None else as_job(row)
 
+    @patient
     def get(self, job_id: str) -> Job | None:
         """Return the job as it is now."""
         with self._engine.connect() as connection:
             row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one_or_none()
         return None if row is None else as_job(row)
 
+    @patient
     def update(self, job_id: str, **values: Any) -> None:
-        """Set columns of a job that is being worked on."""
+        """Set columns of a job that has not ended; progress never goes back."""
+        if "done" in values:
+            values["done"] = _forward(values["done"])
         with self._engine.begin() as connection:
-            connection.execute(table.update().where(table.c.id == job_id).values(**values))
+            connection.execute(table.update().where(table.c.id == job_id, table.c.status.in_(LIVE)).values(**values))
 
+    @patient
     def wanted(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
         """Report progress, which never goes back, and return whether the job is still wanted: not once cancelled."""
         query = (
             table.update()
             .where(table.c.id == job_id, table.c.status.in_(("running", "cancelling")))
-            .values(done=sa.case((table.c.done > done, table.c.done), else_=done), points_per_second=points_per_second)
+            .values(done=_forward(done), points_per_second=points_per_second)
             .returning(table.c.status)
         )
         with self._engine.begin() as connection:
@@ -76,16 +108,19 @@ class Attempts:
         """Let go of a job between two tiles, without a loss, because this worker stops."""
         self.update(job_id, open=False)
 
+    @patient
     def succeed(self, job_id: str, results: dict[str, Any], warnings: list[str]) -> bool:
         """End a job well; False if it was cancelled before that."""
         return self._end(
             job_id, ("running",), status="succeeded", results=results, warnings=warnings, done=table.c.total
         )
 
+    @patient
     def cancel(self, job_id: str) -> bool:
         """End a job that a caller does not want any more; False if nobody asked for that."""
         return self._end(job_id, ("cancelling",), status="cancelled")
 
+    @patient
     def fail(self, job_id: str, problem: dict[str, Any]) -> bool:
         """End a job badly; False if it had ended, or was cancelled before that."""
         return self._end(job_id, ("queued", "running"), status="failed", problem=problem)
@@ -108,3 +143,7 @@ class Attempts:
             if ended:
                 outcomes.count(connection, values["status"], values.get("problem", {}).get("code", ""))
         return ended
+
+
+def _forward(done: int) -> sa.ColumnElement[int]:
+    return sa.case((table.c.done > done, table.c.done), else_=done)

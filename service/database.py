@@ -131,6 +131,11 @@ def create_engine(settings: Settings) -> sa.Engine:
         hide_parameters=True,  # errors are logged, and callers' file names are none of the log's affair
     )
 
+    @sa.event.listens_for(engine, "handle_error")
+    def full(context: sa.engine.ExceptionContext) -> None:
+        if getattr(context.original_exception, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+            context.is_disconnect = True  # as a database that is away, for which the engine waits
+
     @sa.event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _record: object) -> None:
         connection.isolation_level = "IMMEDIATE"

@@ -7,7 +7,6 @@ that is missing. What the caller is to be told is returned as ``{"problem": ...}
 
 from __future__ import annotations
 
-import errno
 import functools
 import logging
 import time
@@ -36,6 +35,7 @@ from .runtime import Runtime
 from .storage import DISPLAY, UPLOAD, job_file, own_name, result_facts, result_name, writing
 from .work import (
     RAW_NORMALS,
+    DiskFull,
     Progress,
     load_arrays,
     merged_name,
@@ -45,6 +45,7 @@ from .work import (
     settled,
     store_arrays,
     tile_name,
+    with_room,
 )
 
 log = logging.getLogger(__name__)
@@ -91,11 +92,11 @@ def _attempt(job: Job) -> str:
         return _run(job)
     except Ended as end:
         return _end(job, end.problem)
-    except dbos_error.DBOSMaxStepRetriesExceeded as error:
+    except dbos_error.DBOSMaxStepRetriesExceeded:
         log.exception("job %s failed", job.id)
-        full = any(isinstance(cause, OSError) and cause.errno == errno.ENOSPC for cause in error.errors)
-        return _end(job, problem_of("disk_full" if full else "internal_error"))
+        return _end(job, problem_of("internal_error"))
     except dbos_error.DBOSException:
+        _sweep(job.id)
         raise  # the engine's own affair, such as another worker having taken this job over
     except Exception:
         log.exception("job %s failed", job.id)
@@ -133,8 +134,7 @@ def _run(job: Job) -> str:
     results = outcome["results"]
     if not shared.attempts.succeed(job.id, results, outcome["warnings"]):
         raise Ended
-    kept = {result_name(name, facts) for name, facts in results.items()}
-    shared.storage.delete_job(job.id, keep=frozenset({UPLOAD, DISPLAY} | kept))
+    shared.storage.delete_job(job.id, keep=_kept(results))
     log.info("job %s succeeded", job.id)
     return "succeeded"
 
@@ -146,10 +146,23 @@ def _end(job: Job, problem: dict[str, Any] | None) -> str:
     elif attempts.cancel(job.id):
         status = "cancelled"
     else:
+        _sweep(job.id)
         return "gone"  # another worker ended it
     _shared().storage.delete_job(job.id)
     log.info("job %s %s%s", job.id, status, f": {problem['code']}" if problem else "")
     return status
+
+
+def _kept(results: dict[str, Any]) -> frozenset[str]:
+    return frozenset({UPLOAD, DISPLAY, *(result_name(name, facts) for name, facts in results.items())})
+
+
+def _sweep(job_id: str) -> None:
+    """Remove what this worker wrote for a job after another one had ended it."""
+    job = _shared().attempts.get(job_id)
+    if job is None or not job.live:
+        results = None if job is None else job.results
+        _shared().storage.delete_job(job_id, keep=_kept(results) if results else frozenset())
 
 
 def _checked(outcome: Outcome) -> Outcome:
@@ -167,11 +180,13 @@ def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
         if job is None or job.status != "running":
             return {"stopped": True}
         try:
-            return function(_shared(), job, *arguments)
+            return with_room(_shared(), job_id, lambda: function(_shared(), job, *arguments))
         except Stopped:
             return {"stopped": True}
         except PcdnfError as error:
             return {"problem": problem_of(error.code, str(error), error.hint)}
+        except DiskFull:
+            return {"problem": problem_of("disk_full")}
         except MemoryError:
             detail = "The worker has not enough memory for this cloud."
             return {"problem": problem_of("out_of_memory", detail, "Send the cloud in parts.")}

@@ -15,6 +15,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match, Route
 
 from .storage import StorageError
 
@@ -169,6 +170,13 @@ def _from_framework(request: Request, error: HTTPException) -> Problem:
     return Problem(code, detail, hint=hint, headers=error.headers, status=error.status_code)
 
 
+def _methods(request: Request) -> list[str]:
+    """Return the methods that the path of a request answers."""
+    routes = [route for route in request.app.routes if isinstance(route, Route)]
+    found = [route.methods or set() for route in routes if route.matches(request.scope)[0] is not Match.NONE]
+    return sorted(set().union(*found))
+
+
 def from_validation(errors: list[Any]) -> Problem:
     """Return the problem for pydantic's list of errors, naming each parameter."""
     faults = [{"parameter": ".".join(map(str, e["loc"])), "reason": str(e["msg"]).removesuffix(".")} for e in errors]
@@ -201,7 +209,10 @@ def install(app: FastAPI) -> None:
 
     async def on_http(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)
-        return _from_framework(request, error).response(request)
+        problem = _from_framework(request, error)
+        if error.status_code == 405:  # the framework names the methods of the first route alone
+            problem.headers["Allow"] = ", ".join(_methods(request))
+        return problem.response(request)
 
     async def on_validation(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)

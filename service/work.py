@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +23,37 @@ from .job import Job
 from .runtime import Runtime
 from .storage import UPLOAD, job_file, own_name, writing
 
+log = logging.getLogger(__name__)
+
 RAW_NORMALS = "raw-normals.npz"
 POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
+DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step that finds the disk full
+T = TypeVar("T")
+
+
+class DiskFull(Exception):
+    """The disk stays full."""
+
+
+def with_room(runtime: Runtime, job_id: str, work: Callable[[], T]) -> T:
+    """Do the work, again for a while where the disk is full: results that expire may make room.
+
+    Raises
+    ------
+    DiskFull
+    """
+    deadline = time.monotonic() + DISK_PATIENCE_SECONDS
+    while True:
+        try:
+            return work()
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            if time.monotonic() > deadline:
+                raise DiskFull from error
+        log.warning("job %s waits: the disk is full", job_id)
+        time.sleep(DISK_RETRY_SECONDS)
+        runtime.pause_if_stopping(job_id)
 
 
 def tile_name(iteration: int, start: int) -> str:

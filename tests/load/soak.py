@@ -43,19 +43,19 @@ def sample(service: Service, seconds: float) -> list[Sample]:
 class Caller(threading.Thread):
     """One client that does one thing after another until it is told to stop."""
 
-    def __init__(self, service: Service, paths: list[Path], stop: threading.Event, seed: int) -> None:
+    def __init__(self, service: Service, paths: list[Path], stop: threading.Event, seed: int, pause: float) -> None:
         super().__init__(name=f"caller {seed}")
         self.counts: Counter[str] = Counter()
         self.error: Exception | None = None
         self._base = service.client.base_url
         self._files = [path.read_bytes() for path in paths]
-        self._stop_, self._random = stop, random.Random(seed)
+        self._stop_, self._random, self._pause = stop, random.Random(seed), pause
 
     def run(self) -> None:
         doings = [self.submit, self.repeat, self.follow, self.cancel, self.nonsense]
         try:
             with httpx.Client(base_url=self._base, timeout=120, trust_env=False) as client:
-                while not self._stop_.is_set():
+                while not self._stop_.wait(self._pause):
                     doing = self._random.choice(doings)
                     doing(client)
                     self.counts[doing.__name__] += 1
@@ -128,6 +128,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--clients", type=int, default=6)
+    parser.add_argument("--pause", type=float, default=0.0, help="seconds of each client between two things it does")
     parser.add_argument("--csv", type=Path, help="where the samples go")
     options = parser.parse_args()
     samples: list[Sample] = []
@@ -135,7 +136,7 @@ def main() -> None:
     with service_in(job_ttl=60, disk_budget_bytes=100_000_000) as service:
         pid = service.child("service.worker")
         paths = [write_sphere(service.log.parent / f"{n}.ply", n) for n in (2000, 8000, 40_000)]
-        callers = [Caller(service, paths, stop, seed) for seed in range(options.clients)]
+        callers = [Caller(service, paths, stop, seed, options.pause) for seed in range(options.clients)]
         for caller in callers:
             caller.start()
         began = time.monotonic()

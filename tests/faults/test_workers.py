@@ -1,0 +1,69 @@
+"""Two workers on one queue, and one that freezes and comes back."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
+from service_process import write_sphere
+
+
+def _ready(service: Apart) -> int:
+    return [worker["state"] for worker in service.client.get("/readyz").json()["workers"]].count("ready")
+
+
+def test_two_workers_on_one_queue_do_nothing_twice(tmp_path: Path) -> None:
+    service = Apart(tmp_path / "service", tile_points=TILE).start()
+    service.start_worker("worker-1")
+    until(lambda: _ready(service) == 2, 90)
+    path = write_sphere(tmp_path / "a.ply", 6 * TILE)
+    jobs = [service.submit(path)["id"] for _ in range(6)]  # of which one worker takes four at a time
+    results = {succeeded(service, job) for job in jobs}
+    assert len(results) == 1
+    for job in jobs:
+        assert set(tiles(service, job).values()) == {1}
+    by = {line.split()[3] for line in service.output().splitlines() if "tile 0-1024 done" in line}
+    assert by == {str(worker.pid) for worker in service.workers.values()}
+    nothing_left_over(service)
+    assert service.stop() == 0, service.output()
+
+
+def test_a_frozen_worker_that_comes_back(tmp_path: Path) -> None:
+    service = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2).start()
+    path = write_sphere(tmp_path / "a.ply", 4 * TILE)
+    expected = succeeded(service, service.submit(path)["id"])
+    job = service.submit(path)["id"]
+    until(lambda: service.job(job)["progress"]["done"] >= TILE)
+    frozen = service.workers["worker-0"]
+    frozen.send_signal(signal.SIGSTOP)
+    service.start_worker("worker-1")
+    service.wait_done(job, 3 * TILE)
+    assert "taking over the jobs of worker-0" in service.output()
+    frozen.send_signal(signal.SIGCONT)  # both work on the job now, or have just finished it
+    assert succeeded(service, job) == expected
+    # The other is whole: it leaves what is not its own any more, and takes new work.
+    service.kill_worker("worker-1")
+    assert succeeded(service, service.submit(path)["id"]) == expected
+    assert succeeded(service, job) == expected
+    nothing_left_over(service)
+    assert service.stop() in (0, signal.SIGKILL), service.output()
+
+
+@pytest.mark.slow
+def test_a_worker_that_was_frozen_until_its_job_had_ended(tmp_path: Path) -> None:
+    service = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2).start()
+    path = write_sphere(tmp_path / "a.ply", 3 * TILE)
+    job = service.submit(path)["id"]
+    until(lambda: service.job(job)["progress"]["done"] >= TILE)
+    frozen = service.workers["worker-0"]
+    frozen.send_signal(signal.SIGSTOP)
+    service.start_worker("worker-1")
+    result = succeeded(service, job)
+    frozen.send_signal(signal.SIGCONT)
+    time.sleep(3)
+    assert succeeded(service, job) == result
+    nothing_left_over(service)
+    assert service.stop() == 0, service.output()
