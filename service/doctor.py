@@ -31,6 +31,7 @@ Level = Literal["ok", "warning", "problem"]
 ANSWER_SECONDS = 3.0
 STORAGE_SECONDS = 5.0
 MIB = 1024 * 1024
+NOT_READY_ADVICE = "Wait a little if it has just been started; else look at its log."
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ def _service(settings: Settings) -> Iterator[Finding]:
     elif answer.status_code == 200:
         yield Finding("service", "ok", f"{address} is ready, with {len(told['workers'])} workers")
     else:
-        yield Finding("service", "problem", f"{address} is not ready: {told.get('detail')}", "Look at its log.")
+        yield Finding("service", "problem", f"{address} is not ready: {told.get('detail')}", NOT_READY_ADVICE)
 
 
 def _port(settings: Settings) -> Finding:

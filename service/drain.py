@@ -13,7 +13,7 @@ from .job import LIVE
 from .settings import Settings, SettingsError
 from .workers import Workers
 
-LOOK_SECONDS = 1.0
+LOOK_SECONDS, TELL_SECONDS = 1.0, 10.0
 
 
 def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
@@ -24,7 +24,7 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
     settings : Settings
     on : bool or None
     wait : bool
-        Come back when no job is unfinished, telling every change.
+        Come back when no job is unfinished, telling now and then how many are.
 
     Raises
     ------
@@ -36,11 +36,11 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
         if on is not None:
             with engine.begin() as connection:
                 switches.turn(connection, switches.DRAIN, on=on)
-        told = ""
+        told, before = -TELL_SECONDS, -1
         while True:
             line, unfinished = _state(engine, settings)
-            if line != told:
-                told = line
+            if unfinished != before or time.monotonic() - told >= TELL_SECONDS:
+                told, before = time.monotonic(), unfinished
                 print(line, flush=True)
             if not wait or not unfinished:
                 return

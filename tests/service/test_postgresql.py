@@ -8,12 +8,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 from conftest import open_board
 from servers import postgresql
 from service_process import Service, write_sphere
 from test_admission import submit_at_once
 
+from service import database
+from service.drain import drain
 from service.idempotency import Claims
+from service.measures import Measures
+from service.metrics import Deployment
+from service.problems import Problem
 from service.settings import Settings
 
 
@@ -36,6 +42,35 @@ def test_the_queue_is_bounded_exactly(database_url: str, tmp_path: Path) -> None
         board.jobs.cancel(accepted[0])
         board.jobs.remove(accepted[0])
         assert Claims(board.engine).claim("ada", "key").job is None
+
+
+def test_upgrade_outcomes_switches_and_metrics(database_url: str, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=database_url)
+    with open_board(settings) as board:
+        with board.engine.begin() as connection:
+            connection.execute(sa.text("ALTER TABLE pcdnf_workers DROP COLUMN metrics"))
+        database.migrate(settings)
+        fails, queued, waits = board.submit(), board.submit(), board.submit(points=30)
+        board.attempts.open(fails.id)
+        assert board.attempts.fail(fails.id, {"code": "worker_lost"})
+        board.jobs.cancel(queued)
+        board.workers.beat("a", pid=1, state="ready", details={}, metrics=Measures().text("cpu"))
+        drain(settings, on=True, wait=False)
+        with pytest.raises(Problem, match="no new jobs"):
+            board.submit()
+        found = {
+            (sample.name, *sorted(sample.labels.values())): sample.value
+            for family in Deployment(board.engine, board.storage, settings).collect()
+            for sample in family.samples
+        }
+        assert found["pcdnf_jobs_finished_total", "failed", "worker_lost"] == 1
+        assert found["pcdnf_jobs_finished_total", "", "cancelled"] == 1
+        assert found["pcdnf_unfinished_points", "queued"] == waits.total == 30
+        assert found["pcdnf_oldest_queued_job_age_seconds",] >= 0
+        assert found["pcdnf_draining",] == found["pcdnf_database_up",] == found["pcdnf_workers", "ready"] == 1
+        assert found["pcdnf_stage_duration_seconds_count", "a", "tile"] == 0
+        drain(settings, on=False, wait=False)
+        board.submit()
 
 
 def test_submit_resume_cancel_remove(database_url: str, tmp_path: Path) -> None:
