@@ -13,6 +13,7 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
+from . import tracing
 from .app import create_app
 from .process import SUPERVISOR_VARIABLE, die_with_supervisor, load_settings, observe, refuse
 from .protocol import Protocol
@@ -115,6 +116,7 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, server.handle_exit)  # uvicorn raises the signal again once it has shut down
     server.run(sockets=[listener])
+    tracing.close()
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ caller's trace id is in the log all the same.
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
@@ -18,7 +19,7 @@ from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapProp
 from .logs import ids
 
 ENDPOINTS = ("OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT")
-FLUSH_MS = 3000
+FLUSH_SECONDS = 3.0
 
 _propagator = TraceContextTextMapPropagator()
 
@@ -52,16 +53,18 @@ def configure(service: str) -> None:
             "Run: pip install 'pcdnf[traces]', or unset it."
         ) from error
     name = os.environ.get("OTEL_SERVICE_NAME", service)
-    provider = TracerProvider(resource=Resource.create({"service.name": name}))
+    provider = TracerProvider(resource=Resource.create({"service.name": name}), shutdown_on_exit=False)  # see close
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
     trace.set_tracer_provider(provider)
 
 
 def close() -> None:
-    """Send what was not sent yet; for a process that ends without Python's own farewell."""
+    """Send what was not sent yet, for a few seconds at most: a collector that is away holds up no stop."""
     flush = getattr(trace.get_tracer_provider(), "force_flush", None)
     if flush is not None:
-        flush(FLUSH_MS)
+        thread = threading.Thread(target=flush, name="flush", daemon=True)
+        thread.start()
+        thread.join(FLUSH_SECONDS)
 
 
 @contextmanager

@@ -78,6 +78,18 @@ def test_one_trace_from_the_request_to_the_result(receiver: Receiver, tmp_path: 
     assert {(line["request_id"], line["trace_id"]) for line in told} == {("r1", TRACE)}
 
 
+def test_a_collector_that_is_away_holds_up_no_stop(tmp_path: Path) -> None:
+    code = (
+        "import time; from service import tracing; tracing.configure('x')\n"
+        "with tracing.span('lost'): pass\n"
+        "began = time.monotonic(); tracing.close(); print(time.monotonic() - began)"
+    )
+    environment = {"OTEL_EXPORTER_OTLP_ENDPOINT": "http://127.0.0.1:1", "HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert 0 < float(done.stdout) < tracing.FLUSH_SECONDS + 1
+
+
 def test_without_an_endpoint_nothing_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in tracing.ENDPOINTS:
         monkeypatch.delenv(name, raising=False)
