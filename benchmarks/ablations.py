@@ -1,6 +1,6 @@
 """The paper's table 5 and the anchor: each variant of the network trained equally and short, then evaluated.
 
-    python benchmarks/ablations.py FOLDER [--variants full,V1,V2,V3,V4,full-plain] [--steps 300] [--threads 1]
+    python benchmarks/ablations.py FOLDER [--variants full,full-plain,V1-plain,…] [--steps 300] [--device cuda]
 
 V1 is without selector and refinement, V2 without refinement, V3 without the normal branch, V4 without the point
 branch; NAME-plain is NAME without the geometric anchor, as in the paper. All start from one seed and see the same
@@ -9,8 +9,8 @@ crops of held-out generated shapes with Gaussian noise after one pass: chamfer d
 the normal error in degrees (the paper's "RMSE x 1e-3"). The paper's figures stand beside: longer training, other
 passes, other clouds.
 
-A variant that is trained (FOLDER/NAME.safetensors, same steps and seed) is not trained again, an evaluation in
-FOLDER/results.jsonl not repeated. Needs the ``train`` extra.
+A variant that is trained (FOLDER/NAME.safetensors, same steps, batch and seed) is not trained again. Needs the
+``train`` extra.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -26,16 +25,18 @@ import numba
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
+from torch import nn
 
 from pcdnf import Denoiser
 from pcdnf.checkpoint import load_checkpoint, save_checkpoint
-from pcdnf.losses import LossWeights
+from pcdnf.device import choose_device
+from pcdnf.losses import Batch, LossWeights, joint_loss
 from pcdnf.metrics import chamfer_distance, point_errors
 from pcdnf.models import DEFAULTS, build_network
 from pcdnf.network import NetworkConfig
 from pcdnf.shapes import random_shape
-from pcdnf.training import LICENCE, learning_rate, total_loss
-from pcdnf.training_data import Batch, TrainingCloud, sample_batch
+from pcdnf.training import LICENCE, learning_rate
+from pcdnf.training_stream import TrainingBatches, stream
 
 SWITCHED_OFF = {
     "full": {},
@@ -56,8 +57,11 @@ TRAINING_SEED = 500_000
 FIRST_SEED = 4_000_000
 """Of the held-out shapes."""
 SHAPE_POINTS = 60_000
-POOL, FRESH_EVERY = 6, 25
-"""Clouds held at once, and steps after which all are replaced."""
+FRESH_EVERY = 10
+"""Batches after which a process replaces one of its clouds."""
+SHOWN_EVERY = 25
+"""Steps between two lines."""
+RECIPE = DEFAULTS["pcdnf"].recipe
 
 Pair = tuple[float | None, float | None]
 
@@ -85,72 +89,95 @@ class Variant:
         return weights
 
 
-def batches(steps: int, size: int, seed: int) -> Iterator[Batch]:
-    """The same patches for every variant."""
-    clouds: list[TrainingCloud] = []
-    for step in range(steps):
-        if step % FRESH_EVERY == 0:
-            rng = np.random.default_rng((TRAINING_SEED + seed, step))
-            clouds = [TrainingCloud(rng, DEFAULTS["pcdnf"].recipe, None) for _ in range(POOL)]
-        yield sample_batch(clouds, np.random.default_rng((TRAINING_SEED + seed, step, 1)), size, 4, 0.25)
+@dataclass
+class Trainee:
+    """A variant in training."""
 
+    variant: Variant
+    network: nn.Module
+    optimizer: torch.optim.Optimizer
 
-def train(variant: Variant, path: Path, *, steps: int, size: int, seed: int) -> None:
-    """Train a variant and save it."""
-    torch.manual_seed(seed)
-    defaults = DEFAULTS["pcdnf"]
-    network = build_network("pcdnf", asdict(variant.config)).train()
-    optimizer = torch.optim.AdamW(network.parameters(), lr=defaults.learning_rate, weight_decay=1e-4)
-    began = time.monotonic()
-    for step, batch in enumerate(batches(steps, size, seed)):
-        for group in optimizer.param_groups:
-            group["lr"] = learning_rate(defaults.learning_rate, step / steps)
-        with torch.autocast("cpu", torch.bfloat16):
-            output = network(batch.points, batch.normals)
-        loss, watched = total_loss(output, batch, variant.losses)
-        optimizer.zero_grad()
+    @classmethod
+    def fresh(cls, variant: Variant, device: str, seed: int) -> Trainee:
+        """With the weights that the seed gives."""
+        torch.manual_seed(seed)
+        network = build_network("pcdnf", asdict(variant.config)).train().to(device)
+        return cls(variant, network, torch.optim.AdamW(network.parameters(), weight_decay=1e-4))
+
+    def step(self, batch: Batch, rate: float) -> dict[str, torch.Tensor]:
+        """Learn from a batch."""
+        self.optimizer.param_groups[0]["lr"] = rate
+        with torch.autocast(batch.points.device.type, torch.bfloat16):
+            output = self.network(batch.points, batch.normals)
+        loss, watched = joint_loss(output, batch, self.variant.losses)
+        self.optimizer.zero_grad()
         loss.backward()
-        norm = torch.nn.utils.clip_grad_norm_(network.parameters(), 3.0)
+        norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), 3.0)
         if torch.isfinite(norm):
-            optimizer.step()
-        if (step + 1) % FRESH_EVERY == 0 or step + 1 == steps:
-            shown = ", ".join(f"{key} {value:.4f}" for key, value in watched.items())
-            print(f"{variant.name}: step {step + 1} of {steps}, {time.monotonic() - began:.0f} s, {shown}", flush=True)
-    save_checkpoint(
-        path,
-        network.state_dict(),
-        name=variant.name,
-        kind="pcdnf",
-        config=asdict(variant.config),
-        recipe=defaults.recipe.as_dict(),
-        training={"steps": steps, "batch": size, "seed": seed},
-        licence=LICENCE,
+            self.optimizer.step()
+        return watched
+
+
+def train(variants: list[Variant], folder: Path, options: dict[str, int], device: str, workers: int) -> None:
+    """Train variants on the same batches, one step each in turn, and save them."""
+    trainees = [Trainee.fresh(variant, device, options["seed"]) for variant in variants]
+    data = TrainingBatches(
+        RECIPE,
+        seed=TRAINING_SEED + options["seed"],
+        batch=options["batch"],
+        pool=64,
+        fresh_every=FRESH_EVERY,
+        forerunner=None,
     )
+    began = time.monotonic()
+    batches = stream(data, processes=workers, pin=device != "cpu")
+    for step, batch in zip(range(options["steps"]), batches, strict=False):
+        moved = batch.each(lambda tensor: tensor.to(device, non_blocking=True))
+        rate = learning_rate(DEFAULTS["pcdnf"].learning_rate, step / options["steps"])
+        losses = [trainee.step(moved, rate)["loss"] for trainee in trainees]
+        if (step + 1) % SHOWN_EVERY == 0:
+            shown = ", ".join(f"{t.variant.name} {loss:.3f}" for t, loss in zip(trainees, losses, strict=True))
+            print(f"step {step + 1} of {options['steps']}, {time.monotonic() - began:.0f} s, loss {shown}", flush=True)
+    for trainee in trainees:
+        save_checkpoint(
+            folder / f"{trainee.variant.name}.safetensors",
+            trainee.network.state_dict(),
+            name=trainee.variant.name,
+            kind="pcdnf",
+            config=asdict(trainee.variant.config),
+            recipe=RECIPE.as_dict(),
+            training=options,
+            licence=LICENCE,
+        )
 
 
-def trained(path: Path, *, steps: int, size: int, seed: int) -> bool:
+def trained(path: Path, options: dict[str, int]) -> bool:
     """Whether a file holds exactly this training."""
-    return path.exists() and load_checkpoint(path)[0].training == {"steps": steps, "batch": size, "seed": seed}
+    return path.exists() and load_checkpoint(path)[0].training == options
 
 
-def evaluate(denoiser: Denoiser, shape_index: int, level: float, centres: int) -> dict[str, float]:
-    """Figures of one pass over a crop of a held-out shape, and of the crop as it was."""
+def evaluate(denoisers: list[Denoiser], shape_index: int, level: float, centres: int) -> list[dict[str, float]]:
+    """Each network's figures of one pass over a crop of a held-out shape, and of the crop as it was."""
     shape = random_shape(np.random.default_rng(FIRST_SEED + shape_index), SHAPE_POINTS)
     rng = np.random.default_rng(shape_index)
     noisy = shape.points + rng.normal(size=shape.points.shape) * level / 100
     _, crop = cKDTree(shape.points).query(shape.points[rng.integers(SHAPE_POINTS)], centres)
-    cloud = denoiser.prepare(noisy)
+    cloud = denoisers[0].prepare(noisy)
     cloud.order = crop
-    tile = denoiser.denoise_tile(cloud, 0, centres)
     clean = shape.points[crop]
     unit = np.sum(np.ptp(clean, axis=0) ** 2) / np.sum(np.ptp(shape.points, axis=0) ** 2)
-    figures = {}
-    for name, points, normals in (("noisy", noisy[crop], cloud.normals[crop]), ("denoised", tile.points, tile.normals)):
+
+    def figures(name: str, points: np.ndarray, normals: np.ndarray) -> dict[str, float]:
         errors = point_errors(points, normals, shape.points, shape.normals)
-        figures[f"{name}_cd"] = chamfer_distance(points, clean) * float(unit)
-        figures[f"{name}_p2s"] = float(errors.surface.mean())
-        figures[f"{name}_rms"] = float(np.sqrt(np.square(errors.angle).mean()))
-    return figures
+        return {
+            f"{name}_cd": chamfer_distance(points, clean) * float(unit),
+            f"{name}_p2s": float(errors.surface.mean()),
+            f"{name}_rms": float(np.sqrt(np.square(errors.angle).mean())),
+        }
+
+    before = figures("noisy", noisy[crop], cloud.normals[crop])
+    tiles = [denoiser.denoise_tile(cloud, 0, centres) for denoiser in denoisers]
+    return [before | figures("denoised", tile.points, tile.normals) for tile in tiles]
 
 
 def table(lines: list[dict], variants: list[Variant], levels: list[float]) -> str:
@@ -182,43 +209,39 @@ def main() -> None:
     """Train what is missing, evaluate what is missing, write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--variants", default="full,V1,V2,V3,V4,full-plain")
+    parser.add_argument("--variants", default="full,full-plain,V1-plain,V2-plain,V3-plain,V4-plain")
     parser.add_argument("--levels", default="0.25,0.5,1,1.5,2.5")
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--shapes", type=int, default=6)
     parser.add_argument("--centres", type=int, default=1000, help="points of each crop")
+    parser.add_argument("--device", default="auto")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1, help="processes that prepare batches")
     arguments = parser.parse_args()
     variants = [Variant(name) for name in arguments.variants.split(",")]
     unknown = [variant.name for variant in variants if variant.name.removesuffix("-plain") not in SWITCHED_OFF]
     if unknown:
         parser.error(f"no variant {unknown[0]}: use {', '.join(SWITCHED_OFF)}, with or without -plain")
     levels = [float(level) for level in arguments.levels.split(",")]
+    device = choose_device(arguments.device)
     numba.set_num_threads(arguments.threads)
     torch.set_num_threads(arguments.threads)
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    options = {"steps": arguments.steps, "size": arguments.batch, "seed": arguments.seed}
-    results = arguments.folder / "results.jsonl"
-    known = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    options = {key: getattr(arguments, key) for key in ("steps", "batch", "seed")}
+    paths = {variant: arguments.folder / f"{variant.name}.safetensors" for variant in variants}
+    missing = [variant for variant in variants if not trained(paths[variant], options)]
+    if missing:
+        train(missing, arguments.folder, options, device, arguments.workers)
+    denoisers = [Denoiser.load(paths[variant], device=device, precision="float32") for variant in variants]
     lines = []
-    for variant in variants:
-        path = arguments.folder / f"{variant.name}.safetensors"
-        if not trained(path, **options):
-            train(variant, path, **options)
-        denoiser = Denoiser.load(path, device="cpu", precision="float32")
-        for shape in range(arguments.shapes):
-            for level in levels:
-                key = {"weights_sha256": denoiser.info.sha256, "shape": shape, "level": level}
-                key |= {"centres": arguments.centres, "variant": variant.name}
-                line = next((line for line in known if line.items() >= key.items()), None)
-                if line is None:
-                    line = key | evaluate(denoiser, shape, level, arguments.centres)
-                    with results.open("a") as file:
-                        file.write(json.dumps(line) + "\n")
-                lines.append(line)
-        print(f"{variant.name}: evaluated", flush=True)
+    for shape in range(arguments.shapes):
+        for level in levels:
+            for variant, figures in zip(variants, evaluate(denoisers, shape, level, arguments.centres), strict=True):
+                lines.append({"variant": variant.name, "shape": shape, "level": level} | figures)
+        print(f"shape {shape + 1} of {arguments.shapes} evaluated", flush=True)
+    (arguments.folder / "results.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     text = table(lines, variants, levels)
     (arguments.folder / "table.md").write_text(text)
     print(text)

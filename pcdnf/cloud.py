@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .device_patches import DevicePatchSource
 from .errors import PcdnfError
 from .patches import PatchSource
 
@@ -108,16 +109,20 @@ class Cloud:
     normals : ndarray, (N, 3) float32
         Raw normals.
     frame : Frame
-    source : PatchSource
+    source : PatchSource or DevicePatchSource
     order : ndarray, (N,) int64
         Indices along a space-filling curve; a tile is a range of it.
     """
 
     def __init__(
-        self, points: NDArray[np.float64], normals: NDArray[np.float32], frame: Frame, source: PatchSource
+        self,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float32],
+        frame: Frame,
+        source: PatchSource | DevicePatchSource,
+        order: NDArray[np.int64],
     ) -> None:
-        self.points, self.normals, self.frame, self.source = points, normals, frame, source
-        self.order = spatial_order(source.points)
+        self.points, self.normals, self.frame, self.source, self.order = points, normals, frame, source, order
 
     def __len__(self) -> int:
         return len(self.points)

@@ -20,8 +20,9 @@ from torch import Tensor, nn
 
 from . import __version__
 from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
-from .cloud import Cloud, CloudError, Frame, TileResult
+from .cloud import Cloud, CloudError, Frame, TileResult, spatial_order
 from .device import choose_device, choose_precision
+from .device_patches import DevicePatchSource
 from .inference import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
 from .lite import LiteOutput
 from .models import build_network
@@ -221,8 +222,11 @@ class Denoiser:
         if recipe.normals == "ball" and initial != "pca":
             reach = normals_reach(radius, plan.scale.scaled(1 / frame.diagonal))
         raw = raw_normals(local, normals, tree=tree, reach=reach, replace=initial != "input", check=check)
+        source: PatchSource | DevicePatchSource
         source = PatchSource(local, raw, recipe, diagonal=1.0, seed=seed, tree=tree)
-        return Cloud(given, raw, frame, source)
+        if self.device != "cpu" and recipe.kind == "ball":
+            source = DevicePatchSource(source, device=self.device)
+        return Cloud(given, raw, frame, source, spatial_order(local))
 
     def _checked(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)

@@ -50,6 +50,19 @@ class QuadricFit:
         a, b, c, d, e, f = self.coefficients[:, :, None].unbind(1)  # (B, 1)
         return a + x * (b + d * x + e * y) + y * (c + f * y), b + 2 * d * x + e * y, c + e * x + 2 * f * y
 
+    def against(self, points: Tensor, weight: Tensor, normals: Tensor | None = None) -> Tensor:
+        """Each neighbour against the fit (B, M, 4): height above it, its size, weight, cosine of the normals.
+
+        ``points`` (B, M, 3), ``weight`` (B, M); without ``normals`` (B, M, 3) the last one is left out.
+        """
+        height, along_x, along_y = self.at(points[..., 0].float(), points[..., 1].float())  # (B, M)
+        above = (points[..., 2] - height).clamp(-2, 2)
+        parts = [4 * above, 4 * above.abs(), weight]
+        if normals is not None:
+            cosine = normals[..., 2] - normals[..., 0] * along_x - normals[..., 1] * along_y
+            parts.append(cosine * torch.rsqrt(1 + along_x.square() + along_y.square()))
+        return torch.stack(parts, -1)
+
     def _upward(self) -> tuple[Tensor, Tensor]:
         normal = torch.cat([-self.slope, torch.ones_like(self.height)[:, None]], -1)  # (B, 3)
         return normal, normal.square().sum(-1, keepdim=True)
@@ -63,6 +76,13 @@ class QuadricFit:
         """Unit normal (B, 3) of the fit at the centre, with z > 0."""
         normal, square = self._upward()
         return normal / square.sqrt()
+
+
+def real_points(points: Tensor) -> Tensor:
+    """1 for the neighbours of patches (B, M, 3), 0 for padding, which lies on the centre: (B, M) float32."""
+    real = points.abs().amax(-1) > 0
+    real[:, 0] = True
+    return real.float()
 
 
 def fit_quadric(

@@ -24,11 +24,13 @@ from .network import (
     PCDNF,
     REGRESSOR_NEIGHBOURS,
     SLOPE,
+    STEER,
     Conv1x1,
     CoordinateRegressor,
     MultiscaleFeatureExtractor,
     NetworkOutput,
     NormalRegressor,
+    ShapeAwareSelector,
     anchor,
 )
 from .threads import in_parallel
@@ -71,6 +73,24 @@ class _Extractor:
         f = self.feature(f, feature_graph(f.view(B, M, 64), self.k3))  # (B, M, 64)
         f = self.lift(f.view(B * M, 64))  # (B M, 128)
         return f.view(B, M, 128), self.hidden(f).view(B, M, 128)
+
+
+class _Anchor:
+    """What the selector of an anchored network learns from a first fit."""
+
+    def __init__(self, selector: ShapeAwareSelector, dtype: torch.dtype) -> None:
+        first, against, steer = whole(selector.first), whole(selector.against), whole(selector.steer)
+        self.first, self.steer = (Affine(layer.weight, layer.bias, dtype) for layer in (first, steer))
+        self.against = Affine(against.weight, against.bias, dtype)
+
+    def refine(self, guides: Tensor, points: Tensor, normals: Tensor) -> Tensor:
+        """Add to guides (B, M, 192) in place; points, normals (B, M, 3) -> weights of the normals (B, M)."""
+        B, M, _ = guides.shape
+        rows = guides.view(B * M, -1)
+        first = torch.sigmoid(self.first(rows).float().view(B, M))
+        against = anchor(points, first).against(points, first, normals)  # (B, M, 4)
+        rows += self.against(against.to(guides.dtype).view(B * M, -1))
+        return torch.sigmoid(self.steer(rows).float().view(B, M) + STEER)
 
 
 class _CoordinateRegressor:
@@ -146,6 +166,7 @@ class FoldedPCDNF(nn.Module):
         weight, bias = selector.score.linear.weight, scale_shift(selector.score.norm)
         # The guide kernel concatenates points, normals, angle, distance, as the selector does.
         self.score = Affine(bias[0][:, None] * weight, bias[1], dtype)
+        self.anchor = _Anchor(selector, dtype) if network.config.anchor else None
         self.augment_points = fold_conv(whole(refinement.point), dtype)
         self.augment_normals = fold_conv(whole(refinement.normal), dtype)
         self.coordinate = _CoordinateRegressor(whole(decoder.coordinate), dtype)
@@ -159,14 +180,7 @@ class FoldedPCDNF(nn.Module):
             chunks = in_parallel(
                 self._chunk, list(zip(torch.split(points, CHUNK), torch.split(normals, CHUNK), strict=True))
             )
-            output = NetworkOutput(*(torch.cat(parts) for parts in zip(*chunks, strict=True)))
-            if not self.config.anchor:
-                return output
-            fit = anchor(points, output.weight)
-            return output._replace(
-                displacement=fit.displacement() + ANCHOR_REACH * output.displacement,
-                normal=fit.normal() + output.normal,
-            )
+        return NetworkOutput(*(torch.cat(parts) for parts in zip(*chunks, strict=True)))
 
     @torch.inference_mode()
     def _chunk(self, points: Tensor, normals: Tensor) -> NetworkOutput:
@@ -184,6 +198,7 @@ class FoldedPCDNF(nn.Module):
             self.distance,
             *(bare(x) for x in (refined_points, refined_normals, guides)),
         )
+        steer = self.anchor.refine(guides, points, normals) if self.anchor else None  # (B, M)
         score = self.score(guides.view(B * M, -1)).view(B, M, -1)  # (B, M, 128)
         weight, selected = torch.empty(B, M), torch.zeros(B, self.config.selected, dtype=torch.int32)
         fused.score(bare(score), SLOPE, weight.numpy(), selected.numpy())
@@ -193,6 +208,9 @@ class FoldedPCDNF(nn.Module):
         g_n = self.augment_normals(self._augment(f_n, weight, selected, graph))
         f = torch.cat([g_p, g_n], -1).view(B, -1, 256)  # (B, K, 256)
         displacement, normal = self.coordinate(f, pool(f_p)), self.normal(f, pool(f_n))
+        if self.anchor:
+            fit = anchor(points, weight, normals, steer)
+            displacement, normal = fit.displacement() + ANCHOR_REACH * displacement, fit.normal() + normal
         return NetworkOutput(displacement, normal, weight, selected.long(), refined_points, refined_normals)
 
     def _augment(self, f: Tensor, weight: Tensor, selected: Tensor, graph: Tensor) -> Tensor:

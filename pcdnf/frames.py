@@ -74,7 +74,7 @@ def local_patches_torch(
     patch = (points[index] - points[index[:, :1]]) / radius  # (B, M, 3)
     mask = valid[..., None].to(patch.dtype)
     centred = (patch - (patch * mask).sum(1, keepdim=True) / mask.sum(1, keepdim=True)) * mask
-    _, vectors = torch.linalg.eigh((centred[..., :, None] * centred[..., None, :]).sum(1))  # columns ascending
+    _, vectors = torch.linalg.eigh(centred.transpose(1, 2) @ centred)  # columns ascending
     z, x = vectors[..., 0], vectors[..., 2]
     frames = torch.stack([x, torch.linalg.cross(z, x), z], 1)  # (B, 3, 3)
     local = patch @ frames.transpose(1, 2)
@@ -82,12 +82,6 @@ def local_patches_torch(
     if upward:
         turned = torch.where(turned[..., 2:] < 0, -turned, turned)
     return local.float(), turned.float(), frames.float()
-
-
-def to_world(local: NDArray[np.float32], frames: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Vectors (B, 3) from patch frames (B, 3, 3) to the world, F^T v, in float64."""
-    turned: NDArray[np.float64] = np.einsum("bi,bij->bj", local.astype(np.float64), frames.astype(np.float64))
-    return turned
 
 
 @nb.njit(cache=True, nogil=True)

@@ -26,23 +26,34 @@ class BallGrid:
     crowd : int
         Points from which on a cell, and those around it, are thinned to a random subset: time and memory stay linear
         in a dense cloud.
+
+    Attributes
+    ----------
+    order : ndarray, (S,) int64
+        Rows of the points that are kept, cell by cell.
+    points : ndarray, (S, 3) float64
+        Those points.
+    keys, starts : ndarray, (C,) and (C + 1,) int64
+        Numbers of the occupied cells, ascending, and where each one's points begin.
+    origin, dims : ndarray, (3,)
+        Corner of the first cell, and how many cells there are a coordinate.
     """
 
     def __init__(self, points: NDArray[np.floating], radius: float, *, crowd: int) -> None:
         self.radius = float(radius)
-        self._origin = points.min(0).astype(np.float64)
-        cells = np.floor((points - self._origin) / self.radius).astype(np.int64)
-        self._dims = cells.max(0) + 1
-        keys = (cells[:, 0] * self._dims[1] + cells[:, 1]) * self._dims[2] + cells[:, 2]
+        self.origin = points.min(0).astype(np.float64)
+        cells = np.floor((points - self.origin) / self.radius).astype(np.int64)
+        self.dims = cells.max(0) + 1
+        keys = (cells[:, 0] * self.dims[1] + cells[:, 1]) * self.dims[2] + cells[:, 2]
         self.order = np.argsort(keys, kind="stable")
-        self._keys, counts = _runs(keys[self.order])
+        self.keys, counts = _runs(keys[self.order])
         if counts.max() > crowd:
-            share = crowd / _most_around(self._keys, counts, self._dims)
+            share = crowd / _most_around(self.keys, counts, self.dims)
             kept = np.random.default_rng(0).random(len(keys))[self.order] < np.repeat(share, counts)
             self.order = self.order[kept]
-            self._keys, counts = _runs(keys[self.order])
-        self._starts = np.append(0, np.cumsum(counts))
-        self._points = np.ascontiguousarray(points[self.order], dtype=np.float64)
+            self.keys, counts = _runs(keys[self.order])
+        self.starts = np.append(0, np.cumsum(counts))
+        self.points = np.ascontiguousarray(points[self.order], dtype=np.float64)
 
     def subset(
         self,
@@ -75,12 +86,12 @@ class BallGrid:
         out = np.empty((len(centres), count), np.int64)
         hole = np.full(len(centres), -1.0) if inner is None else np.asarray(inner, np.float64)
         _subset(
-            self._points,
+            self.points,
             self.order,
-            self._keys,
-            self._starts,
-            self._dims,
-            self._origin,
+            self.keys,
+            self.starts,
+            self.dims,
+            self.origin,
             self.radius,
             np.ascontiguousarray(centres, np.float64),
             np.asarray(ids, np.int64),

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from .cloud import TileResult
+from .device_patches import DevicePatches, DevicePatchSource
 from .folded import fold
 from .folded_lite import FoldedLite
-from .frames import to_world
 from .lite import LiteOutput, PCDNFLite
 from .memory import keep_freed_memory
 from .network import PCDNF, NetworkOutput
@@ -87,7 +87,7 @@ class Inference:
         self,
         points: NDArray[np.float64],
         raw: NDArray[np.float32],
-        source: PatchSource,
+        source: PatchSource | DevicePatchSource,
         centres: NDArray[np.int64],
         *,
         unit: float = 1.0,
@@ -102,7 +102,7 @@ class Inference:
             The cloud, in its own unit.
         raw : ndarray, (N, 3) float32
             Its raw normals.
-        source : PatchSource
+        source : PatchSource or DevicePatchSource
             Of the cloud.
         centres : ndarray, (n,) int64
             Rows to denoise.
@@ -115,32 +115,36 @@ class Inference:
         ------
         Stopped
         """
-        moves = np.empty((len(centres), 3))
-        normals = np.empty((len(centres), 3), np.float32)
-        flagged = np.empty(len(centres), bool)
+        parts = []
         batch = self.batch  # somebody else may halve it meanwhile
         for low, patches in self._batches(source, centres, batch):
             if should_stop is not None and should_stop():
                 raise Stopped
             high = min(low + batch, len(centres))
-            index = patches.index[: high - low]
-            output = self.network(torch.from_numpy(patches.points), torch.from_numpy(patches.normals))
-            move, normal = (
-                to_world(local.float().cpu().numpy(), patches.frames)[: high - low]
-                for local in (output.displacement, output.normal)
-            )
-            before = raw[index[:, 0]]
-            lost = ((index >= 0).sum(1) <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
-            length = np.linalg.norm(move, axis=1, keepdims=True)
-            move *= np.minimum(1.0, LONGEST_STEP / np.maximum(length, LONGEST_STEP))
-            moves[low:high] = np.where(lost[:, None], 0.0, move) * (source.radius * unit)
-            normals[low:high] = unit_towards(np.where(lost[:, None], before, normal), before)
-            flagged[low:high] = lost
+            parts.append([each[: high - low] for each in self._work(patches)])
             if progress is not None:
                 progress(high)
-        return TileResult(points[centres] + moves, normals, flagged)
+        move, normal, neighbours = (torch.cat(each).cpu().numpy() for each in zip(*parts, strict=True))
+        before = raw[centres]
+        lost = (neighbours <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
+        length = np.linalg.norm(move, axis=1, keepdims=True)
+        move *= np.minimum(1.0, LONGEST_STEP / np.maximum(length, LONGEST_STEP))
+        moved = points[centres] + np.where(lost[:, None], 0.0, move) * (source.radius * unit)
+        return TileResult(moved, unit_towards(np.where(lost[:, None], before, normal), before), lost)
 
-    def _batches(self, source: PatchSource, centres: NDArray[np.int64], batch: int) -> Iterator[tuple[int, Patches]]:
+    def _work(self, patches: Patches | DevicePatches) -> tuple[Tensor, Tensor, Tensor]:
+        """Displacement in patch radii and normal (B, 3) in the world, float64, and the neighbours there are (B,)."""
+        points, normals, frames, index = (
+            torch.as_tensor(each) for each in (patches.points, patches.normals, patches.frames, patches.index)
+        )
+        output = self.network(points, normals)
+        turn = frames.to(self.device).double()
+        move, normal = ((each.double()[..., None] * turn).sum(1) for each in (output.displacement, output.normal))
+        return move, normal, (index >= 0).sum(1)
+
+    def _batches(
+        self, source: PatchSource | DevicePatchSource, centres: NDArray[np.int64], batch: int
+    ) -> Iterator[tuple[int, Patches | DevicePatches]]:
         """Batches of one shape; the last is filled up with its own first centre."""
         for low in range(0, len(centres), batch):
             chosen = centres[low : low + batch]

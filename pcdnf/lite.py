@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .fit import QuadricFit, fit_quadric
+from .fit import fit_quadric, real_points
 
 RIDGE = (1e-6, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2)
 """Ridge of the six coefficients, before the network scales it."""
@@ -101,9 +101,7 @@ class PCDNFLite(nn.Module):
 
     def forward(self, points: Tensor, normals: Tensor) -> LiteOutput:
         """Points and raw normals (B, M, 3) of patches to displacement, normal and weights."""
-        valid = points.abs().amax(-1, keepdim=True) > 0  # (B, M, 1)
-        valid[:, 0] = True
-        mask = valid.to(points.dtype)
+        mask = real_points(points)[..., None]  # (B, M, 1)
         features = torch.cat(
             [
                 points,
@@ -119,7 +117,7 @@ class PCDNFLite(nn.Module):
         features = F.leaky_relu(self.block_norm(features), SLOPE)
         weight = _weight(self.first_score(features)[..., 0], mask)  # (B, M)
         first = fit_quadric(points, weight, ridge=self.ridge)
-        features = features + self.residual(_against(first, points, normals, weight))
+        features = features + self.residual(first.against(points, weight, normals))
         context = _pool(features, mask)  # (B, 2 width)
         score, steer = self.score(features, context).float().unbind(-1)  # (B, M)
         weight = _weight(score, mask)
@@ -150,15 +148,6 @@ def corrected(fit: QuadricFit, corrections: Tensor, weight: Tensor) -> LiteOutpu
 def _weight(score: Tensor, mask: Tensor) -> Tensor:
     """Scores (B, M) and mask (B, M, 1) to weights (B, M) float32, positive where the mask is."""
     return (torch.sigmoid(score.float()) + LEAST) * mask[..., 0]
-
-
-def _against(fit: QuadricFit, points: Tensor, normals: Tensor, weight: Tensor) -> Tensor:
-    """Each neighbour against a fit (B, M, 4): height above it, its size, weight, cosine of the normals."""
-    height, along_x, along_y = fit.at(points[..., 0].float(), points[..., 1].float())  # (B, M)
-    above = (points[..., 2] - height).clamp(-2, 2)
-    cosine = normals[..., 2] - normals[..., 0] * along_x - normals[..., 1] * along_y
-    cosine = cosine * torch.rsqrt(1 + along_x.square() + along_y.square())
-    return torch.stack([4 * above, 4 * above.abs(), weight, cosine], -1)
 
 
 def _pool(features: Tensor, mask: Tensor) -> Tensor:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -17,7 +19,7 @@ SUPPORT = 0.08
 
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Weight of each term; the defaults are the paper's (equation 5), the last three are ours.
+    """Weight of each term; the defaults are the paper's (section 3.3), the last three are ours.
 
     Attributes
     ----------
@@ -84,6 +86,61 @@ def ortho_loss(displacement: Tensor, predicted: Tensor, weight: Tensor, clean: T
     """
     height = ((displacement[:, None] - clean) * F.normalize(predicted, dim=-1)[:, None]).sum(-1)  # (B, M)
     return (weight * height).square().sum(1) / weight.square().sum(1).clamp(min=1e-6)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Patches with their supervision; all tensors float32 in the patch frames.
+
+    Attributes
+    ----------
+    points, normals : Tensor, (B, M, 3)
+    surface : Surface
+        (B, S, 3), clean.
+    clean_points, clean_normals : Tensor, (B, M, 3)
+        Counterparts of the patch's points.
+    """
+
+    points: Tensor
+    normals: Tensor
+    surface: Surface
+    clean_points: Tensor
+    clean_normals: Tensor
+
+    def each(self, change: Callable[[Tensor], Tensor]) -> Batch:
+        """The batch with every tensor changed alike: moved to a device, or thinned."""
+        surface = Surface(change(self.surface.points), change(self.surface.normals))
+        patches = (change(x) for x in (self.points, self.normals))
+        return Batch(*patches, surface, change(self.clean_points), change(self.clean_normals))
+
+    def pin_memory(self) -> Batch:
+        """In memory that a GPU reads by itself."""
+        return self.each(Tensor.pin_memory)
+
+
+def joint_loss(output: Any, batch: Batch, weights: LossWeights) -> tuple[Tensor, dict[str, Tensor]]:
+    """The joint loss (section 3.3, and our terms) of a batch, with the parts worth watching."""
+    terms = point_terms(output.displacement, batch.surface)
+    point = weights.alpha * terms.projection + (1 - weights.alpha) * terms.repulsion
+    normal = normal_loss(output.normal, terms.normal)
+    loss = weights.point * point.mean() + weights.normal * normal.clamp(max=2).mean()
+    loss = loss + weights.nearest * terms.nearest.mean()
+    if weights.ortho:
+        ortho = ortho_loss(output.displacement, output.normal, output.weight, batch.clean_points)
+        loss = loss + weights.ortho * ortho.mean()
+    if weights.dense_point or weights.dense_normal:
+        offset = output.refined_points - batch.clean_points  # (B, M, 3)
+        dense = (offset * batch.clean_normals).sum(-1).abs() + 0.02 * offset.square().sum(-1).add(1e-12).sqrt()
+        turned = F.normalize(output.refined_normals, dim=-1)
+        loss = loss + weights.dense_point * dense.mean()
+        loss = loss + weights.dense_normal * normal_loss(turned, batch.clean_normals).mean()
+    watched = {
+        "loss": loss,
+        "point": terms.projection.mean(),
+        "nearest": terms.nearest.mean(),
+        "angle": angle_degrees(output.normal, terms.normal).mean(),
+    }
+    return loss, {key: value.detach() for key, value in watched.items()}
 
 
 def angle_degrees(predicted: Tensor, normal: Tensor) -> Tensor:

@@ -30,11 +30,11 @@ class Defaults:
 DEFAULTS = {
     "pcdnf": Defaults(
         config=NetworkConfig(anchor=True),
-        recipe=Recipe(kind="ball", points=512, fewest=384),
-        losses=LossWeights(nearest=2.0),
+        recipe=Recipe(kind="ball", points=512, adaptive=9.8, fewest=256, normals="ball"),
+        losses=LossWeights(alpha=1.0, ortho=1.0, nearest=2.0, dense_point=10.0, dense_normal=1.0),
         batch=64,
         learning_rate=2e-3,
-        fresh_every=15,
+        fresh_every=128,
     ),
     "lite": Defaults(
         config=LiteConfig(),

@@ -1,10 +1,11 @@
 """Neighbour graphs inside patches and the reductions over them: the one place where CPU and CUDA part.
 
-``knn``, ``gather_max`` and ``gather_mean`` run Numba kernels on the CPU and plain torch elsewhere; the plain
-forms (``knn_plain`` and so on) run on any device and are what the tests hold the kernels to. Both give the
-same graph: a point is its own first neighbour, the others follow by distance, of equal distances the lower
-index first; so the graph of k neighbours is the prefix of any larger one. In three dimensions distances come
-from differences, in feature space from inner products. All of it is float32, whatever autocast says.
+``knn``, ``gather_max`` and ``gather_mean`` run Numba kernels on the CPU, on CUDA the first two Triton kernels where
+there is Triton, and plain torch elsewhere; the plain forms (``knn_plain`` and so on) run on any device and are what
+the tests hold the kernels to. All give the same graph: a point is its own first neighbour, the others follow by
+distance, of equal distances the lower index first; so the graph of k neighbours is the prefix of any larger one. In
+three dimensions distances come from differences, in feature space from inner products. All of it is float32, whatever
+autocast says.
 
 The kernels are compiled on first use and kept beside the package, or where it cannot be written in the user's cache
 folder; ``NUMBA_CACHE_DIR`` names another place.
@@ -20,6 +21,11 @@ import torch
 from torch import Tensor
 
 from . import kernels, selection
+
+try:  # comes with torch's CUDA builds
+    from . import triton_kernels
+except ImportError:
+    triton_kernels = None  # type: ignore[assignment]
 
 
 def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
@@ -38,9 +44,11 @@ def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
     -------
     Tensor (B, Q, k), int32
     """
+    _check(x, k)
+    if x.is_cuda and triton_kernels is not None:
+        return triton_kernels.knn(x.detach().float(), k, queries)
     if x.device.type != "cpu" or k > selection.MOST:
         return knn_plain(x, k, queries)
-    _check(x, k)
     B, N, C = x.shape
     with torch.no_grad(), torch.autocast("cpu", enabled=False):
         x = x.detach().float().contiguous()
@@ -91,6 +99,8 @@ def gather_max(values: Tensor, index: Tensor) -> Tensor:
     -------
     Tensor (B, Q, C), float32
     """
+    if values.is_cuda and triton_kernels is not None:
+        return triton_kernels.GatherMax.apply(values, index)  # type: ignore[no-any-return, no-untyped-call]
     if values.device.type != "cpu":
         return gather_max_plain(values, index)
     return _GatherMax.apply(values.float(), index)  # type: ignore[no-any-return, no-untyped-call]

@@ -15,7 +15,8 @@ Deviations, each of them deliberate:
 * ``anchor`` (ours): the selector's scores also weigh a least-squares quadric fit of the patch, whose value
   and slope at the origin are the first guess of displacement and normal; the decoders predict what is left.
   The patch must stand in its PCA frame, least variance along z. The losses then reach the selector directly,
-  as remark 1 of the paper wishes.
+  as remark 1 of the paper wishes. A first fit, with scores from the coarse features, tells the selector how
+  far each point lies from the surface; a second score says how far a point's normal may steer the slope.
 * ``release_transpose``: a quirk of the released code, needed for its weights alone (``FeatureRefinement``).
 """
 
@@ -28,7 +29,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .fit import QuadricFit, fit_quadric
+from .fit import QuadricFit, fit_quadric, real_points
 from .neighbors import gather_max, gather_mean, gather_points, knn
 
 SLOPE = 0.2  # of every LeakyReLU
@@ -36,6 +37,7 @@ REGRESSOR_NEIGHBOURS = 8  # of the two EdgeConvs in the normal regressor
 ANCHOR_REACH = 0.3  # largest correction of the anchor's displacement, in patch radii
 ANCHOR_RIDGE = (1e-6, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2)  # on 1, x, y, x^2, xy, y^2
 ANCHOR_FLOOR = 1e-4  # added to every weight of the fit
+STEER = -3.0  # the slopes' score starts low: normals are noisier than points
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,13 @@ class NetworkConfig:
             raise ValueError("Keep at least one of point_branch and normal_branch.")
         if not self.k1 <= self.k2:
             raise ValueError(f"k1 = {self.k1} must not exceed k2 = {self.k2}: it is part of that graph.")
+
+
+class Patch(NamedTuple):
+    """Points and normals of a batch of patches, (B, M, 3) each."""
+
+    points: Tensor
+    normals: Tensor
 
 
 class NetworkOutput(NamedTuple):
@@ -149,8 +158,15 @@ class MultiscaleFeatureExtractor(nn.Module):
         return f, x + self.head(f).float()
 
 
+class Selection(NamedTuple):
+    """What the selector says of every point."""
+
+    weight: Tensor  # (B, M) similarity to the centre, 0 to 1
+    steer: Tensor | None  # (B, M) weight of the normal in the anchor's fit, relative to the point's
+
+
 class ShapeAwareSelector(nn.Module):
-    """Score of every point: how much it is like the centre (paper, equation 3)."""
+    """Score of every point: how much it is like the centre (paper, section 3.2.2)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -158,9 +174,14 @@ class ShapeAwareSelector(nn.Module):
         self.normals = nn.Linear(128, 64) if config.normal_branch else None
         self.angle = nn.Linear(1, 32) if config.normal_branch else None
         self.distance = nn.Linear(1, 32)
-        self.score = Conv1x1(32 + 64 * config.point_branch + 96 * config.normal_branch, 128)
+        channels = 32 + 64 * config.point_branch + 96 * config.normal_branch
+        self.first = nn.Linear(channels, 1) if config.anchor else None
+        self.against = nn.Linear(3 + config.normal_branch, channels) if config.anchor else None
+        self.steer = nn.Linear(channels, 1) if config.anchor and config.normal_branch else None
+        self.score = Conv1x1(channels, 128)
 
-    def forward(self, points: Tensor, normals: Tensor, f_p: Tensor | None, f_n: Tensor | None) -> Tensor:
+    def forward(self, patch: Patch, refined: Patch, f_p: Tensor | None, f_n: Tensor | None) -> Selection:
+        points, normals = refined
         guides = []
         if self.points is not None and f_p is not None:
             guides.append(self.points(f_p))
@@ -170,8 +191,14 @@ class ShapeAwareSelector(nn.Module):
             across = torch.linalg.cross(points, normals, dim=-1).norm(dim=-1, keepdim=True)
             guides.append(self.angle(torch.atan2(across, (points * normals).sum(-1, keepdim=True))))
         guides.append(self.distance(torch.exp(-points.square().sum(-1, keepdim=True))))
-        score = self.score(F.relu(torch.cat(guides, -1)))  # (B, M, 128)
-        return torch.sigmoid(score.amax(-1))  # (B, M)
+        guide, steer = F.relu(torch.cat(guides, -1)), None  # (B, M, channels)
+        if self.first is not None and self.against is not None:
+            first = torch.sigmoid(self.first(guide).float()[..., 0])  # (B, M)
+            known = None if self.angle is None else patch.normals
+            guide = guide + self.against(anchor(patch.points, first).against(patch.points, first, known))
+        if self.steer is not None:
+            steer = torch.sigmoid(self.steer(guide).float()[..., 0] + STEER)
+        return Selection(torch.sigmoid(self.score(guide).amax(-1)), steer)
 
 
 class FusedFeatures(NamedTuple):
@@ -276,9 +303,11 @@ class Decoder(nn.Module):
         return displacement, normal
 
 
-def anchor(points: Tensor, weight: Tensor) -> QuadricFit:
-    """The fit that the decoders correct: points (B, M, 3), weight (B, M)."""
-    return fit_quadric(points, weight + ANCHOR_FLOOR, ridge=points.new_tensor(ANCHOR_RIDGE))
+def anchor(points: Tensor, weight: Tensor, normals: Tensor | None = None, steer: Tensor | None = None) -> QuadricFit:
+    """The fit that the decoders correct: points, normals (B, M, 3), weight, steer (B, M); padding has no say."""
+    weight = (weight + ANCHOR_FLOOR) * real_points(points)
+    ridge = points.new_tensor(ANCHOR_RIDGE)
+    return fit_quadric(points, weight, ridge=ridge, normals=normals, slope_weights=steer)
 
 
 class PCDNF(nn.Module):
@@ -321,10 +350,11 @@ class PCDNF(nn.Module):
             f_n, refined_normals = self.normal_extractor(normals)
 
         if self.selector is not None:
-            weight = self.selector(refined_points, refined_normals, f_p, f_n)  # (B, M)
+            refined = Patch(refined_points, refined_normals)
+            weight, steer = self.selector(Patch(points, normals), refined, f_p, f_n)  # (B, M)
             selected = weight.topk(self.config.selected, dim=-1).indices  # (B, K)
         else:
-            weight = points.new_ones(B, M)
+            weight, steer = points.new_ones(B, M), None
             selected = torch.arange(M, device=points.device).expand(B, M)
 
         if self.refinement is not None:
@@ -336,9 +366,7 @@ class PCDNF(nn.Module):
         displacement, normal = self.decoder(fused)
 
         if self.config.anchor:
-            real = points.abs().amax(-1) > 0  # (B, M); padding lies on the centre and must not pull the fit to it
-            real[:, 0] = True
-            fit = fit_quadric(points, (weight + ANCHOR_FLOOR) * real, ridge=points.new_tensor(ANCHOR_RIDGE))
+            fit = anchor(points, weight, normals, steer)
             displacement = fit.displacement() + (0 if displacement is None else ANCHOR_REACH * displacement)
             normal = fit.normal() + (0 if normal is None else normal)
         if displacement is None:

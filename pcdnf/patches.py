@@ -118,32 +118,32 @@ class PatchSource:
         workers: int = -1,
     ) -> None:
         self.points, self.normals, self.recipe = points, normals, recipe
-        self._seed, self._workers = seed, workers
+        self.seed, self._workers = seed, workers
         tree = cKDTree(points) if tree is None else tree
         self.radius = max(recipe.radius * diagonal, _reach(tree, recipe.fewest))
         self._tree = tree if recipe.kind != "ball" else None
-        self._grid = BallGrid(points, self.radius, crowd=CHOICE * recipe.points) if recipe.kind != "knn" else None
+        self.grid = BallGrid(points, self.radius, crowd=CHOICE * recipe.points) if recipe.kind != "knn" else None
 
     def neighbours(self, centres: NDArray[np.int64], *, seed: int | None = None) -> NDArray[np.int64]:
         """Neighbours (B, M) int64 of the points ``centres`` (B,), the centre first, -1 for padding.
 
         ``seed`` replaces the source's own, for training that wants a fresh subset each time.
         """
-        recipe, seed = self.recipe, self._seed if seed is None else seed
+        recipe, seed = self.recipe, self.seed if seed is None else seed
         at = self.points[centres]
         own = centres[:, None]
         if self._tree is None:
-            assert self._grid is not None
-            return np.concatenate([own, self._grid.subset(at, centres, recipe.points - 1, seed=seed)], 1)
-        near = recipe.points if self._grid is None else recipe.near
-        reach = np.inf if self._grid is None else self.radius
+            assert self.grid is not None
+            return np.concatenate([own, self.grid.subset(at, centres, recipe.points - 1, seed=seed)], 1)
+        near = recipe.points if self.grid is None else recipe.near
+        reach = np.inf if self.grid is None else self.radius
         distance, index = self._tree.query(at, near, distance_upper_bound=reach, workers=self._workers)
         index = np.where(index < len(self.points), index, -1)
         index = _centre_first(index, centres)
-        if self._grid is None:
+        if self.grid is None:
             return index
         inner = np.where(np.isfinite(distance[:, -1]), distance[:, -1] * (1 + 1e-9), self.radius)
-        far = self._grid.subset(at, centres, recipe.points - near, seed=seed, inner=inner)
+        far = self.grid.subset(at, centres, recipe.points - near, seed=seed, inner=inner)
         return np.concatenate([index, far], 1)
 
     def take(

@@ -8,33 +8,30 @@ lives in one folder: ``state.safetensors`` (weights, averages, optimiser; the ru
 from __future__ import annotations
 
 import argparse
-import json
 import math
+import os
 import time
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numba
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from safetensors import safe_open
-from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import Tensor
 
-from .checkpoint import save_checkpoint
-from .denoiser import Denoiser
-from .losses import LossWeights, angle_degrees, normal_loss, ortho_loss, point_terms
+from .checkpoint import load_checkpoint, save_checkpoint
+from .device import choose_device
+from .losses import Batch, joint_loss
 from .memory import keep_freed_memory
 from .models import DEFAULTS, Defaults, build_network
-from .patches import PatchSource, Recipe
-from .training_data import Batch, BatchStream, FirstPass, TrainingCloud, sample_batch
+from .patches import Recipe
+from .training_run import TrainingRun
+from .training_stream import Forerunner, TrainingBatches, stream
+from .validation import VALIDATION_SEED, validate, validation_batches
 
 WARM_UP = 0.03
 """Share of the budget in which the learning rate rises."""
-VALIDATION_SEED = 1_000_000
-"""Held-out shapes come from generators seeded here and above; training seeds stay below."""
+FORERUN = 0.1
+"""Share of the budget after which the network in training is worth being its own forerunner."""
 LICENCE = "MIT"
 
 
@@ -49,8 +46,15 @@ class Options:
     folder : Path
     minutes : float
         Wall time of the whole schedule, earlier sessions of a resumed run included.
+    device : str
+        "auto", "cpu" or "cuda:N".
     threads : int
-        Of torch; data preparation takes about half a thread more.
+        Of torch.
+    workers : int or None
+        Processes that prepare batches, none for the training's own; by default 1 beside a CPU, one a core but one
+        beside a GPU.
+    batch : int or None
+        Patches a step; the kind's own by default.
     save_every : float
         Seconds between validations and saved states.
     first_pass : str or None
@@ -65,7 +69,10 @@ class Options:
     kind: str
     folder: Path
     minutes: float
+    device: str = "cpu"
     threads: int = 1
+    workers: int | None = None
+    batch: int | None = None
     save_every: float = 150.0
     first_pass: str | None = None
     first_pass_share: float = 0.4
@@ -82,31 +89,6 @@ def learning_rate(peak: float, progress: float) -> float:
     return peak * 0.5 * (1 + math.cos(math.pi * min(1.0, (progress - WARM_UP) / (1 - WARM_UP)))) + 1e-6
 
 
-def total_loss(output: Any, batch: Batch, weights: LossWeights) -> tuple[Tensor, dict[str, Tensor]]:
-    """The joint loss (equation 5, and our terms) of a batch, with the parts worth watching."""
-    terms = point_terms(output.displacement, batch.surface)
-    point = weights.alpha * terms.projection + (1 - weights.alpha) * terms.repulsion
-    normal = normal_loss(output.normal, terms.normal)
-    loss = weights.point * point.mean() + weights.normal * normal.clamp(max=2).mean()
-    loss = loss + weights.nearest * terms.nearest.mean()
-    if weights.ortho:
-        ortho = ortho_loss(output.displacement, output.normal, output.weight, batch.clean_points)
-        loss = loss + weights.ortho * ortho.mean()
-    if weights.dense_point or weights.dense_normal:
-        offset = output.refined_points - batch.clean_points  # (B, M, 3)
-        dense = (offset * batch.clean_normals).sum(-1).abs() + 0.02 * offset.square().sum(-1).add(1e-12).sqrt()
-        turned = nn.functional.normalize(output.refined_normals, dim=-1)
-        loss = loss + weights.dense_point * dense.mean()
-        loss = loss + weights.dense_normal * normal_loss(turned, batch.clean_normals).mean()
-    watched = {
-        "loss": loss,
-        "point": terms.projection.mean(),
-        "nearest": terms.nearest.mean(),
-        "angle": angle_degrees(output.normal, terms.normal).mean(),
-    }
-    return loss, {key: value.detach() for key, value in watched.items()}
-
-
 class Trainer:
     """One run; see the module's docstring for its folder."""
 
@@ -117,123 +99,94 @@ class Trainer:
         torch.manual_seed(options.seed)
         self.options = options
         self.defaults: Defaults = DEFAULTS[options.kind]
-        options.folder.mkdir(parents=True, exist_ok=True)
-        self.network = build_network(options.kind, asdict(self.defaults.config))
-        self.average = build_network(options.kind, asdict(self.defaults.config)).eval()
+        self.device = torch.device(choose_device(options.device))
+        self.batch = options.batch or self.defaults.batch
+        self.network = build_network(options.kind, asdict(self.defaults.config)).to(self.device)
+        self.average = build_network(options.kind, asdict(self.defaults.config)).eval().to(self.device)
         self.average.load_state_dict(self.network.state_dict())
         self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=self.defaults.learning_rate, weight_decay=1e-4)
-        self.step, self.elapsed, self.best = 0, 0.0, math.inf
-        self._resume()
+        self.run_folder = TrainingRun(options.folder, self.network, self.average, self.optimizer)
+        self._forerunner = self._first_pass()
 
-    @property
-    def _state_file(self) -> Path:
-        return self.options.folder / "state.safetensors"
+    def _first_pass(self) -> Forerunner | None:
+        name, ready = self.options.first_pass, torch.zeros(1).share_memory_()
+        if name is None:
+            return None
+        if name == "self":
+            network, recipe = build_network(self.options.kind, asdict(self.defaults.config)), self.defaults.recipe
+        else:
+            info, state = load_checkpoint(name)
+            network, recipe = build_network(info.kind, info.config), Recipe(**info.recipe)
+            network.load_state_dict(state)
+            ready.fill_(1)
+        return Forerunner(network.eval().share_memory(), recipe, ready, self.options.first_pass_share)
 
-    def _resume(self) -> None:
-        if not self._state_file.exists():
-            return
-        with safe_open(self._state_file, framework="pt") as file:
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-            facts = json.loads(file.metadata()["facts"])
-        self.step, self.elapsed, self.best = facts["step"], facts["elapsed"], facts["best"]
-        self.network.load_state_dict(_part(tensors, "network."))
-        self.average.load_state_dict(_part(tensors, "average."))
-        for name, parameter in self.network.named_parameters():
-            self.optimizer.state[parameter] = {
-                "step": torch.tensor(float(self.step)),
-                "exp_avg": tensors[f"first.{name}"],
-                "exp_avg_sq": tensors[f"second.{name}"],
-            }
+    def run(self) -> None:
+        """Train until the budget is spent; safe to kill and to start again."""
+        options, run = self.options, self.run_folder
+        validation = [
+            batch.each(self._moved)
+            for batch in validation_batches(options.kind, options.validation_patches, options.validation_clouds)
+        ]
+        batches = stream(self._batches(), processes=self._workers(), pin=self.device.type == "cuda")
+        batch = next(batches)  # once the processes stand
+        mean: dict[str, Tensor] = {}
+        budget, before, last_saved = options.minutes * 60, time.monotonic(), run.elapsed
+        while run.elapsed < budget:
+            watched = self._step(self._narrowed(batch.each(self._moved)), run.elapsed / budget)
+            run.step += 1
+            for key, value in watched.items():
+                mean[key] = mean.get(key, value).lerp(value, 0.02)
+            batch = next(batches)
+            now = time.monotonic()
+            run.elapsed, before = run.elapsed + now - before, now
+            if run.step % 100 == 0:
+                run.log(train={key: round(value.item(), 5) for key, value in mean.items()})
+            if run.elapsed - last_saved > options.save_every or run.elapsed >= budget:
+                self._checkpoint(validation)
+                last_saved = run.elapsed
 
-    def _save_state(self) -> None:
-        tensors = {f"network.{key}": value for key, value in self.network.state_dict().items()}
-        tensors |= {f"average.{key}": value for key, value in self.average.state_dict().items()}
-        for name, parameter in self.network.named_parameters():
-            moments = self.optimizer.state[parameter]
-            tensors[f"first.{name}"], tensors[f"second.{name}"] = moments["exp_avg"], moments["exp_avg_sq"]
-        facts = {"step": self.step, "elapsed": self.elapsed, "best": self.best}
-        temporary = self._state_file.with_suffix(".tmp")
-        save_file({k: v.contiguous() for k, v in tensors.items()}, temporary, {"facts": json.dumps(facts)})
-        temporary.replace(self._state_file)
-
-    def _save_model(self, scores: dict[str, float]) -> None:
-        training = {
-            "steps": self.step,
-            "batch": self.defaults.batch,
-            "patches": self.step * self.defaults.batch,
-            "hours": round(self.elapsed / 3600, 3),
-            "seed": self.options.seed,
-            "learning_rate": self.defaults.learning_rate,
-            "losses": asdict(self.defaults.losses),
-            "first_pass": self.options.first_pass,
-            "data": "generated shapes (pcdnf.shapes)",
-            "validation": {key: round(value, 5) for key, value in scores.items()},
-        }
-        save_checkpoint(
-            self.options.folder / "model.safetensors",
-            self.average.state_dict(),
-            name=f"pcdnf-{self.options.kind}".replace("pcdnf-pcdnf", "pcdnf"),
-            kind=self.options.kind,
-            config=asdict(self.defaults.config),
-            recipe=self.defaults.recipe.as_dict(),
-            training=training,
-            licence=LICENCE,
+    def _batches(self) -> TrainingBatches:
+        return TrainingBatches(
+            self.defaults.recipe,
+            seed=(self.options.seed + 7919 * self.run_folder.step) % VALIDATION_SEED,
+            batch=self.batch,
+            pool=self.options.pool,
+            fresh_every=max(1, self.defaults.fresh_every * self.defaults.batch // self.batch),
+            forerunner=self._forerunner,
         )
 
-    def _log(self, **facts: Any) -> None:
-        line = json.dumps({"step": self.step, "minutes": round(self.elapsed / 60, 2), **facts})
-        print(line, flush=True)
-        with (self.options.folder / "log.jsonl").open("a") as log:
-            log.write(line + "\n")
+    def _workers(self) -> int:
+        if self.options.workers is not None:
+            return self.options.workers
+        return 1 if self.device.type == "cpu" else max(1, len(os.sched_getaffinity(0)) - 1)
+
+    def _moved(self, tensor: Tensor) -> Tensor:
+        return tensor.to(self.device, non_blocking=True)
+
+    def _step(self, batch: Batch, progress: float) -> dict[str, Tensor]:
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate(self.defaults.learning_rate, progress)
+        self.network.train()
+        with torch.autocast(self.device.type, torch.bfloat16):
+            output = self.network(batch.points, batch.normals)
+        loss, watched = joint_loss(output, batch, self.defaults.losses)
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), 3.0)
+        if torch.isfinite(norm):
+            self.optimizer.step()
+            self._update_average()
+        return watched
 
     def _update_average(self) -> None:
-        decay = min(0.999, (1 + self.step) / (10 + self.step))
+        decay = min(0.999, (1 + self.run_folder.step) / (10 + self.run_folder.step))
         with torch.no_grad():
             for mean, value in zip(self.average.state_dict().values(), self.network.state_dict().values(), strict=True):
                 if mean.is_floating_point():
                     mean.lerp_(value, 1 - decay)
                 else:
                     mean.copy_(value)
-
-    def run(self) -> None:
-        """Train until the budget is spent; safe to kill and to start again."""
-        options, defaults = self.options, self.defaults
-        validation = validation_batches(options.kind, options.validation_patches, options.validation_clouds)
-        stream = BatchStream(
-            defaults.recipe,
-            seed=(options.seed + 7919 * self.step) % VALIDATION_SEED,
-            batch=defaults.batch,
-            pool=options.pool,
-            fresh_every=defaults.fresh_every,
-        )
-        mean: dict[str, float] = {}
-        budget, before, last_saved = options.minutes * 60, time.monotonic(), self.elapsed
-        while self.elapsed < budget:
-            if options.first_pass and stream.first_pass is None and self.elapsed > 0.1 * budget:
-                stream.first_pass, stream.first_pass_share = self._first_pass(), options.first_pass_share
-            batch = self._narrowed(stream.get())
-            for group in self.optimizer.param_groups:
-                group["lr"] = learning_rate(defaults.learning_rate, self.elapsed / budget)
-            self.network.train()
-            with torch.autocast("cpu", torch.bfloat16):
-                output = self.network(batch.points, batch.normals)
-            loss, watched = total_loss(output, batch, defaults.losses)
-            self.optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), 3.0)
-            if torch.isfinite(norm):
-                self.optimizer.step()
-                self._update_average()
-            self.step += 1
-            now = time.monotonic()
-            self.elapsed, before = self.elapsed + now - before, now
-            for key, value in watched.items():
-                mean[key] = 0.98 * mean.get(key, float(value)) + 0.02 * float(value)
-            if self.step % 100 == 0:
-                self._log(train={key: round(value, 5) for key, value in mean.items()})
-            if self.elapsed - last_saved > options.save_every or self.elapsed >= budget:
-                self._checkpoint(validation)
-                last_saved = self.elapsed
 
     def _narrowed(self, batch: Batch) -> Batch:
         """Fewer neighbours a patch, where the network takes any number: a random subset, the same for the batch."""
@@ -243,72 +196,61 @@ class Trainer:
             return batch
         count = int(torch.randint(fewest // 32, full // 32 + 1, ())) * 32
         chosen = torch.cat([torch.zeros(1, dtype=torch.int64), 1 + torch.randperm(full - 1)[: count - 1]])
-        return replace(
-            batch,
-            points=batch.points[:, chosen],
-            normals=batch.normals[:, chosen],
-            clean_points=batch.clean_points[:, chosen],
-            clean_normals=batch.clean_normals[:, chosen],
+        chosen = self._moved(chosen)
+        return Batch(
+            batch.points[:, chosen],
+            batch.normals[:, chosen],
+            batch.surface,
+            batch.clean_points[:, chosen],
+            batch.clean_normals[:, chosen],
         )
 
     def _checkpoint(self, validation: list[Batch]) -> None:
-        scores = validate(self.average, validation)
-        self._log(validation={key: round(value, 5) for key, value in scores.items()})
+        run, scores = self.run_folder, validate(self.average, validation)
+        run.log(validation={key: round(value, 5) for key, value in scores.items()})
         value = 100 * scores["point"] + 0.1 * scores["angle"]
-        if value < self.best:
-            self.best = value
+        if value < run.best:
+            run.best = value
             self._save_model(scores)
-        self._save_state()
+        run.save()
+        ahead = self._forerunner
+        if (
+            ahead is not None
+            and self.options.first_pass == "self"
+            and run.elapsed > FORERUN * self.options.minutes * 60
+        ):
+            ahead.network.load_state_dict(self.average.state_dict())
+            ahead.ready.fill_(1)
 
-    def _first_pass(self) -> FirstPass:
-        name = self.options.first_pass
-        assert name is not None
-        if name == "self":
-            return first_pass(Denoiser(self.average, self.defaults.recipe))
-        return first_pass(Denoiser.load(name, device="cpu", precision="float32"))
-
-
-def first_pass(denoiser: Denoiser) -> FirstPass:
-    """One iteration of a crop whose cloud has diagonal 1, as the second iteration will see it."""
-
-    def apply(
-        points: NDArray[np.float64],
-        normals: NDArray[np.float32],
-        recipe: Recipe,
-        rows: NDArray[np.int64],
-        seed: int,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        source = PatchSource(points, normals, recipe, diagonal=1.0, seed=seed, workers=1)
-        tile = denoiser.inference.denoise(points, normals, source, rows)
-        return tile.points, tile.normals
-
-    return apply
-
-
-def validation_batches(kind: str, patches: int, clouds: int) -> list[Batch]:
-    """Fixed patches of held-out shapes, the same for every run of a kind."""
-    rng = np.random.default_rng(VALIDATION_SEED)
-    pool = [TrainingCloud(rng, DEFAULTS[kind].recipe, None) for _ in range(clouds)]
-    size = min(256, patches)
-    return [sample_batch(pool, rng, size, 8, 0.25) for _ in range(max(1, patches // size))]
-
-
-@torch.no_grad()
-def validate(network: nn.Module, batches: list[Batch]) -> dict[str, float]:
-    """Projection distance (patch radii), distance to the nearest clean point and normal angle (degrees), means."""
-    network.eval()
-    sums: dict[str, float] = {"point": 0.0, "nearest": 0.0, "angle": 0.0}
-    for batch in batches:
-        output = network(batch.points, batch.normals)
-        terms = point_terms(output.displacement, batch.surface)
-        sums["point"] += float(terms.projection.mean())
-        sums["nearest"] += float(terms.nearest.mean())
-        sums["angle"] += float(angle_degrees(output.normal, terms.normal).mean())
-    return {key: value / len(batches) for key, value in sums.items()}
+    def _save_model(self, scores: dict[str, float]) -> None:
+        run = self.run_folder
+        training = {
+            "steps": run.step,
+            "batch": self.batch,
+            "patches": run.step * self.batch,
+            "hours": round(run.elapsed / 3600, 3),
+            "device": _device_name(self.device),
+            "seed": self.options.seed,
+            "learning_rate": self.defaults.learning_rate,
+            "losses": asdict(self.defaults.losses),
+            "first_pass": self.options.first_pass,
+            "data": "generated shapes (pcdnf.shapes)",
+            "validation": {key: round(value, 5) for key, value in scores.items()},
+        }
+        save_checkpoint(
+            run.model_file,
+            self.average.state_dict(),
+            name="pcdnf" if self.options.kind == "pcdnf" else f"pcdnf-{self.options.kind}",
+            kind=self.options.kind,
+            config=asdict(self.defaults.config),
+            recipe=self.defaults.recipe.as_dict(),
+            training=training,
+            licence=LICENCE,
+        )
 
 
-def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
+def _device_name(device: torch.device) -> str:
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
 
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
@@ -316,7 +258,10 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, help="where the run lives; an interrupted run goes on from there")
     parser.add_argument("--kind", choices=sorted(DEFAULTS), default="lite", help="which network")
     parser.add_argument("--minutes", type=float, default=60.0, help="wall time of the whole schedule")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     parser.add_argument("--threads", type=int, default=1, help="threads of torch")
+    parser.add_argument("--workers", type=int, help="processes that prepare batches")
+    parser.add_argument("--batch", type=int, help="patches a step")
     parser.add_argument("--first-pass", metavar="MODEL", help="model that prepares a share of the clouds, or 'self'")
     parser.add_argument("--first-pass-share", type=float, default=0.4)
     parser.add_argument("--save-every", type=float, default=150.0, metavar="SECONDS")

@@ -1,25 +1,21 @@
-"""Training batches without end: shapes are made, made noisy, cut into patches, and replaced by fresh ones.
+"""Clouds to train on: a shape is made, made noisy and cut into patches.
 
-A pool of clouds lives in memory with its trees. A share of them is taken through a first pass of a denoiser
-(in a crop, to keep it cheap), so that a network also sees what its own second iteration will see.
+A share of the clouds is taken through a first pass of a denoiser (in a crop, to keep it cheap), so that a network also
+sees what its own second iteration will see.
 """
 
 from __future__ import annotations
 
-import queue
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import numba
 import numpy as np
 import torch
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from torch import Tensor
 
-from .losses import Surface
+from .losses import Batch, Surface
 from .normals import ball_normals, pca_normals
 from .patches import PatchSource, Recipe
 from .scale import Scale, clean_spacing, normals_reach
@@ -29,6 +25,8 @@ SURFACE_POINTS = 96
 """Clean points around each centre that the losses see."""
 CROP = 1.5
 """Where a first pass was made, centres lie within this many patch radii of a random point."""
+CROP_POINTS = 12_000
+"""Points a first pass may take; a crop with more is left as it is, for the sake of time."""
 RADIUS_SPREAD = 0.35
 """Standard deviation of the logarithm of a cloud's patch radius around the recipe's own choice."""
 DIRT = 0.12
@@ -39,26 +37,6 @@ FirstPass = Callable[
     tuple[NDArray[np.float64], NDArray[np.float32]],
 ]
 """(points, raw normals, recipe, rows, seed) of a crop with diagonal-1 coordinates to those rows denoised."""
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Patches with their supervision; all tensors float32 in the patch frames.
-
-    Attributes
-    ----------
-    points, normals : Tensor, (B, M, 3)
-    surface : Surface
-        (B, S, 3), clean.
-    clean_points, clean_normals : Tensor, (B, M, 3)
-        Counterparts of the patch's points.
-    """
-
-    points: Tensor
-    normals: Tensor
-    surface: Surface
-    clean_points: Tensor
-    clean_normals: Tensor
 
 
 class TrainingCloud:
@@ -81,17 +59,19 @@ class TrainingCloud:
             normals_radius = normals_reach(radius, scale) if recipe.normals == "ball" else 0.0
             recipe, later = (replace(recipe, radius=radius * spread[i], adaptive=0.0, fewest=16) for i in (0, 1))
         self.centres = np.arange(len(noisy))
-        if first_pass is None:
-            normals = ball_normals(noisy, normals_radius) if normals_radius else pca_normals(noisy, workers=1)
-        else:
+        crop = rows = self.centres
+        if first_pass is not None:
             inner = CROP * later.radius
             distance = np.linalg.norm(noisy - noisy[rng.integers(len(noisy))], axis=1)
             crop = np.flatnonzero(distance < inner + later.radius + recipe.radius)
-            part, distance = noisy[crop], distance[crop]
+            rows = np.flatnonzero(distance[crop] < inner + later.radius)
+        if first_pass is None or len(rows) > CROP_POINTS:
+            normals = ball_normals(noisy, normals_radius) if normals_radius else pca_normals(noisy, workers=1)
+        else:
+            part, distance = noisy[crop], distance[crop][rows]
             normals = ball_normals(part, normals_radius) if normals_radius else pca_normals(part, workers=1)
-            rows = np.flatnonzero(distance < inner + later.radius)
             noisy, normals = first_pass(part, normals, recipe, rows, int(rng.integers(1 << 31)))
-            clean, clean_normals, distance = clean[crop[rows]], clean_normals[crop[rows]], distance[rows]
+            clean, clean_normals = clean[crop[rows]], clean_normals[crop[rows]]
             self._clean_tree = cKDTree(clean)
             self.centres, recipe = np.flatnonzero(distance < inner), later
         self.clean, self.clean_normals = clean.astype(np.float32), clean_normals.astype(np.float32)
@@ -172,71 +152,6 @@ def _spins(rng: Generator, count: int) -> NDArray[np.float64]:
     spin[:, 1, 0], spin[:, 1, 1] = np.sin(angle), np.cos(angle) * flip
     spin[:, 2, 2] = up
     return spin
-
-
-class BatchStream:
-    """Batches from a thread of its own, which never lets the training wait once the pool is filled.
-
-    Parameters
-    ----------
-    recipe : Recipe
-    seed : int
-    batch, clouds_a_batch : int
-    pool : int
-        Clouds held at once.
-    fresh_every : int
-        Batches after which one cloud of the pool is replaced.
-    edges : float
-        Share of patches centred near sharp edges.
-    """
-
-    def __init__(
-        self,
-        recipe: Recipe,
-        *,
-        seed: int,
-        batch: int,
-        clouds_a_batch: int = 4,
-        pool: int = 64,
-        fresh_every: int,
-        edges: float = 0.25,
-    ) -> None:
-        self._recipe, self._rng = recipe, np.random.default_rng(seed)
-        self._batch, self._clouds_a_batch = batch, clouds_a_batch
-        self._pool, self._fresh_every, self._edges = pool, fresh_every, edges
-        self._ready: queue.Queue[Batch | BaseException] = queue.Queue(6)
-        self.first_pass: FirstPass | None = None
-        self.first_pass_share = 0.0
-        threading.Thread(target=self._run, daemon=True).start()
-
-    def get(self) -> Batch:
-        """The next batch; raises what stopped the thread."""
-        item = self._ready.get()
-        if isinstance(item, BaseException):
-            raise item
-        return item
-
-    def _cloud(self) -> TrainingCloud:
-        use = self.first_pass if self._rng.random() < self.first_pass_share else None
-        while True:
-            cloud = TrainingCloud(self._rng, self._recipe, use)
-            if len(cloud.centres) >= 64:
-                return cloud
-
-    def _run(self) -> None:
-        try:
-            numba.set_num_threads(1)
-            clouds = [self._cloud() for _ in range(min(8, self._pool))]
-            made = 0
-            while True:
-                made += 1
-                if len(clouds) < self._pool and made % 4 == 0:
-                    clouds.append(self._cloud())
-                elif made % self._fresh_every == 0:
-                    clouds[int(self._rng.integers(len(clouds)))] = self._cloud()
-                self._ready.put(sample_batch(clouds, self._rng, self._batch, self._clouds_a_batch, self._edges))
-        except BaseException as error:
-            self._ready.put(error)
 
 
 def sample_batch(clouds: list[TrainingCloud], rng: Generator, size: int, clouds_a_batch: int, edges: float) -> Batch:

@@ -9,10 +9,13 @@ import torch
 
 from pcdnf import Denoiser
 from pcdnf.lite import LiteConfig, PCDNFLite
+from pcdnf.losses import Batch, joint_loss
 from pcdnf.models import DEFAULTS
 from pcdnf.patches import Recipe
-from pcdnf.training import Options, Trainer, first_pass, learning_rate, total_loss, validate
-from pcdnf.training_data import Batch, TrainingCloud, _kept, _noise, sample_batch
+from pcdnf.training import Options, Trainer, learning_rate
+from pcdnf.training_data import TrainingCloud, _kept, _noise, sample_batch
+from pcdnf.training_stream import first_pass
+from pcdnf.validation import validate
 
 RECIPE = DEFAULTS["lite"].recipe
 
@@ -72,12 +75,12 @@ def test_every_term_of_the_loss_counts(batch: Batch) -> None:
     torch.manual_seed(0)
     output = PCDNFLite(LiteConfig(width=8))(batch.points, batch.normals)
     weights = DEFAULTS["lite"].losses
-    whole, watched = total_loss(output, batch, weights)
+    whole, watched = joint_loss(output, batch, weights)
     assert set(watched) == {"loss", "point", "nearest", "angle"}
     assert math.isclose(
         whole.item(),
         (
-            total_loss(output, batch, type(weights)(**(vars(weights) | {"point": 0.0})))[0] + 100 * watched["point"]
+            joint_loss(output, batch, type(weights)(**(vars(weights) | {"point": 0.0})))[0] + 100 * watched["point"]
         ).item(),
         rel_tol=1e-5,
     )
@@ -98,6 +101,7 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
             folder=tmp_path,
             minutes=minutes,
             save_every=2,
+            workers=0,
             validation_patches=256,
             validation_clouds=2,
             pool=2,
@@ -105,14 +109,14 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
 
     Trainer(options(0.1)).run()
     first = Trainer(options(0.1))
-    assert first.step > 3
-    assert first.elapsed >= 6
+    assert first.run_folder.step > 3
+    assert first.run_folder.elapsed >= 6
     Trainer(options(0.25)).run()
     again = Trainer(options(0.25))
-    assert again.step > first.step
+    assert again.run_folder.step > first.run_folder.step
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     validations = [line["validation"] for line in lines if "validation" in line]
-    assert again.best <= first.best
+    assert again.run_folder.best <= first.run_folder.best
     assert len(validations) >= 4
     assert again.average.correct[2].weight.abs().max() > 0  # zero at the start
     denoiser = Denoiser.load(tmp_path / "model.safetensors", device="cpu")
