@@ -74,7 +74,8 @@ class DevicePatchSource:
         widest = int(count.sum(1).amax())
         rows = max(1, CANDIDATES // max(widest, 1))
         parts = [
-            self._subset(*each) for each in zip(own.split(rows), first.split(rows), count.split(rows), strict=True)
+            self._subset(own[low : low + rows], first[low : low + rows], count[low : low + rows])
+            for low in range(0, len(own), rows)
         ]
         return torch.cat([own[:, None], torch.cat(parts)], 1)
 

@@ -25,7 +25,7 @@ from .patches import Patches, PatchSource
 
 BATCH = {"pcdnf": 32, "lite": 512}
 """Patches a batch on the CPU: chunks of them for some threads."""
-CUDA_BATCH = {"pcdnf": 256, "lite": 8192}
+CUDA_BATCH = {"pcdnf": 512, "lite": 8192}
 FEWEST_NEIGHBOURS = 6
 """A point with fewer neighbours inside the patch is returned as it came, flagged: a quadric has six terms."""
 LONGEST_STEP = 1.0

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .fit import fit_quadric, real_points
+from .fit import QuadricFit, fit_quadric, real_points
 
 RIDGE = (1e-6, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2)
 """Ridge of the six coefficients, before the network scales it."""

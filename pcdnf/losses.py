@@ -110,8 +110,8 @@ class Batch:
     def each(self, change: Callable[[Tensor], Tensor]) -> Batch:
         """The batch with every tensor changed alike: moved to a device, or thinned."""
         surface = Surface(change(self.surface.points), change(self.surface.normals))
-        patches = (change(x) for x in (self.points, self.normals))
-        return Batch(*patches, surface, change(self.clean_points), change(self.clean_normals))
+        clean = change(self.clean_points), change(self.clean_normals)
+        return Batch(change(self.points), change(self.normals), surface, *clean)
 
     def pin_memory(self) -> Batch:
         """In memory that a GPU reads by itself."""

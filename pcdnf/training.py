@@ -109,7 +109,7 @@ class Trainer:
         self._forerunner = self._first_pass()
 
     def _first_pass(self) -> Forerunner | None:
-        name, ready = self.options.first_pass, torch.zeros(1).share_memory_()
+        name, ready = self.options.first_pass, torch.zeros(1).share_memory_()  # type: ignore[no-untyped-call]
         if name is None:
             return None
         if name == "self":
