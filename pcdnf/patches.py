@@ -60,9 +60,12 @@ class Recipe:
     normals: Literal["pca", "ball"] = "pca"
 
     def adaptive_radius(self, scale: Scale) -> float:
-        """The first iteration's radius for a cloud, in its unit; a flat ball of it holds ``fewest`` points."""
-        least = scale.spacing * math.sqrt(max(self.fewest, 1) / math.pi)
-        return max(self.adaptive * math.sqrt(scale.noise * scale.spacing), least)
+        """The first iteration's radius for a cloud, in its unit, and at least :meth:`least_radius`."""
+        return max(self.adaptive * math.sqrt(scale.noise * scale.spacing), self.least_radius(scale))
+
+    def least_radius(self, scale: Scale) -> float:
+        """Of a flat ball that holds ``fewest`` points, in the cloud's unit."""
+        return scale.spacing * math.sqrt(max(self.fewest, 1) / math.pi)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for a checkpoint's metadata."""

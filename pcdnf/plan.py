@@ -21,6 +21,9 @@ USUAL, SMALL = 200, 0.04
 """Points that a ball shall hold even where the noise seems slight, while it stays below this share of the diagonal: the
 steps of a depth camera look like clean surface to a smaller one."""
 
+LARGEST = 0.07
+"""Share of the diagonal beyond which the radius grows no more with the noise: features of the shape are that size."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -98,7 +101,8 @@ def make_plan(
     if length is None:
         first = recipe.radius
         if recipe.adaptive:
-            first = max(recipe.adaptive_radius(scale), min(scale.spacing * math.sqrt(USUAL / math.pi), SMALL))
+            usual = min(scale.spacing * math.sqrt(USUAL / math.pi), SMALL)
+            first = max(min(recipe.adaptive_radius(scale), LARGEST), recipe.least_radius(scale), usual)
         first = first or recipe.radius  # where most points are copies of one another
         radii = (first, *[first * recipe.later] * (count - 1))
     else:

@@ -21,6 +21,14 @@ def test_more_noise_takes_a_larger_radius_and_more_iterations() -> None:
     assert usual.radii[0] == pytest.approx(9.8 * np.sqrt(usual.scale.noise * usual.scale.spacing))
 
 
+def test_the_radius_does_not_outgrow_the_shape() -> None:
+    """As far as the noise asks; a sparse cloud's ball must hold points all the same."""
+    points = sphere(40_000, 0.2)
+    assert plan(points).radii[0] == pytest.approx(0.07 * Frame.of(points).diagonal)
+    sparse = sphere(400, 0.2)
+    assert plan(sparse).radii[0] > 0.1 * Frame.of(sparse).diagonal
+
+
 def test_sparser_clouds_get_a_larger_radius_that_holds_enough_points() -> None:
     dense, sparse = plan(sphere(40_000, 0)), plan(sphere(2000, 0))
     assert sparse.radii[0] > 2 * dense.radii[0]
