@@ -1,4 +1,4 @@
-"""What a caller may choose, checked without importing a network: iterations and radius."""
+"""What a caller may choose, checked without importing a network: iterations, radius, and the fast form."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import math
 
 from .errors import PcdnfError
 
+FAST_NEIGHBOURS = {"lite": 128}
+"""Neighbours a point in the fast form, by the kind of network: those that were trained with so few."""
+
 
 class ChoiceError(PcdnfError):
-    """Iterations or a radius that cannot be used."""
+    """Iterations, a radius or a form that cannot be used."""
 
 
 def check_iterations(value: int | str) -> int | None:
@@ -55,3 +58,18 @@ def check_radius(value: float | str) -> tuple[float, bool] | None:
             hint="Leave it out to have it chosen.",
         )
     return number, relative
+
+
+def check_fast(fast: bool, kind: str) -> int | None:
+    """Neighbours a point in the fast form of a kind of network, None for the usual one.
+
+    Raises
+    ------
+    ChoiceError
+        ``no_fast_form``: this kind was trained with all its neighbours.
+    """
+    if fast and kind not in FAST_NEIGHBOURS:
+        raise ChoiceError(
+            "This model has no fast form.", code="no_fast_form", hint="Take pcdnf-lite, or leave fast out."
+        )
+    return FAST_NEIGHBOURS[kind] if fast else None

@@ -50,6 +50,9 @@ def add_denoise(subparsers: Subparsers) -> None:
         metavar="R",
         help="size of the neighbourhoods: auto, a length in the cloud's unit, or a share of its diagonal: 4%% (auto)",
     )
+    parser.add_argument(
+        "--fast", action="store_true", help="half as many neighbours a point: about 1.6 times as fast, a little rougher"
+    )
     parser.add_argument("--model", metavar="M", help="a name that `pcdnf models` lists, or a .safetensors file")
     parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
     parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])
@@ -148,6 +151,7 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
             cloud.normals,
             iterations=options.iterations,
             radius=options.radius,
+            fast=options.fast,
             initial=options.normals,
             seed=options.seed,
             progress=progress,

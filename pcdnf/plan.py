@@ -35,10 +35,13 @@ class Plan:
         Estimated noise and spacing, in the cloud's unit.
     radii : tuple of float
         Patch radius of each iteration, in the cloud's unit.
+    neighbours : int, optional
+        Of each point, the point among them; the recipe's where None. See :func:`pcdnf.choices.check_fast`.
     """
 
     scale: Scale
     radii: tuple[float, ...]
+    neighbours: int | None = None
 
     @property
     def iterations(self) -> int:
@@ -47,16 +50,18 @@ class Plan:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values that lose nothing."""
-        return {"noise": self.scale.noise, "spacing": self.scale.spacing, "radii": list(self.radii)}
+        values = {"noise": self.scale.noise, "spacing": self.scale.spacing, "radii": list(self.radii)}
+        return values if self.neighbours is None else values | {"neighbours": self.neighbours}
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Plan:
         """The inverse of :meth:`to_json`."""
-        return cls(Scale(values["noise"], values["spacing"]), tuple(values["radii"]))
+        return cls(Scale(values["noise"], values["spacing"]), tuple(values["radii"]), values.get("neighbours"))
 
     def metadata(self) -> dict[str, str]:
-        """For the result's file: noise, spacing and radii in the cloud's unit, iterations."""
-        return {
+        """For the result's file: noise, spacing and radii in the cloud's unit, iterations; of a fast run, how fast."""
+        fast = {} if self.neighbours is None else {"fast": f"{self.neighbours} neighbours"}
+        return fast | {
             "iterations": str(self.iterations),
             "radius": ", ".join(f"{radius:.6g}" for radius in self.radii),
             "estimated_noise": f"{self.scale.noise:.4g}",
@@ -71,6 +76,7 @@ def make_plan(
     frame: Frame,
     iterations: int | str = "auto",
     radius: float | str = "auto",
+    neighbours: int | None = None,
 ) -> Plan:
     """Plan a run.
 
@@ -86,6 +92,8 @@ def make_plan(
         "auto" takes one for a nearly clean cloud, two as a rule, three where the noise is many spacings deep.
     radius : float, str or "auto"
         A length in the cloud's unit, a share of its diagonal such as "4%", or "auto": by noise and spacing.
+    neighbours : int, optional
+        As in :class:`Plan`.
 
     Raises
     ------
@@ -109,4 +117,4 @@ def make_plan(
         value, relative = length
         radii = (value if relative else value / frame.diagonal,) * count
     unit = frame.diagonal
-    return Plan(scale.scaled(unit), tuple(value * unit for value in radii))
+    return Plan(scale.scaled(unit), tuple(value * unit for value in radii), neighbours)

@@ -22,6 +22,7 @@ FAILED, INTERRUPTED = 1, 130
 PARAMETERS = {
     "iterations": "passes over the cloud: auto, or a number",
     "radius": "size of the neighbourhoods: auto, a length, or a share of the diagonal such as 4%%",
+    "fast": "half as many neighbours a point: true or false",
     "model": "a name that the service's /models lists",
     "seed": "of every random choice",
     "normals": "where raw normals come from: auto, pca or input",

@@ -10,7 +10,7 @@ from fastapi import Request
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from pcdnf.choices import ChoiceError, check_iterations, check_radius
+from pcdnf.choices import ChoiceError, check_fast, check_iterations, check_radius
 
 from . import catalogue
 from .problems import Problem, from_validation
@@ -54,6 +54,9 @@ class Parameters(BaseModel):
         description="Size of the neighbourhoods: `auto` by noise and spacing, a length in the cloud's unit, or a share "
         "of its diagonal such as `4%`",
         examples=["auto", "4%", "0.05"],
+    )
+    fast: bool = Field(
+        False, description="Whether half as many neighbours a point will do: about 1.6 times as fast, a little rougher"
     )
     model: str = Field("", description="Name of a model of `GET /models`; empty for the default")
     seed: int = Field(0, ge=0, lt=SEED_LIMIT, description="Seed of every random choice")
@@ -106,6 +109,10 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
             "model: there is no such model.",
             hint=f"Use one of {', '.join(sorted(catalogue.shipped()))}.",
         )
+    try:
+        check_fast(parameters.fast, catalogue.shipped()[name].kind)
+    except ChoiceError as error:
+        raise Problem("invalid_parameters", f"fast: {error}", hint=error.hint) from error
     return parameters.model_copy(update={"model": name})
 
 

@@ -37,6 +37,7 @@ from .work import (
     RAW_NORMALS,
     DiskFull,
     Progress,
+    form,
     load_arrays,
     merged_name,
     planned,
@@ -200,7 +201,10 @@ def survey(runtime: Runtime, job: Job) -> Outcome:
     with runtime.at_work(job, Progress(runtime, job, 0).check), runtime.stage("survey"):
         denoiser = settled(runtime, job)
         points = read_upload(runtime, job).points
-        chosen = denoiser.plan(points, iterations=job.parameters["iterations"], radius=job.parameters["radius"])
+        asked = job.parameters
+        chosen = denoiser.plan(
+            points, iterations=asked["iterations"], radius=asked["radius"], fast=asked.get("fast", False)
+        )
     execution = runtime.models.execution(job.parameters["model"]) | {"plan": chosen.to_json()}
     runtime.attempts.update(job.id, execution=execution, total=chosen.iterations * len(points))
     return {"iterations": chosen.iterations}
@@ -225,10 +229,10 @@ def denoise_one(runtime: Runtime, job: Job, iteration: int, before: str | None, 
         began = time.monotonic()
         tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
         seconds = time.monotonic() - began - progress.lent
-        runtime.measured(model, stop - start, seconds)
+        runtime.measured(form(job), stop - start, seconds)
         runtime.measures.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)
         store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
-        runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.speed(model))
+        runtime.attempts.update(job.id, losses=0, done=base + stop, points_per_second=runtime.speed(form(job)))
     log.info("job %s iteration %d tile %d-%d done", job.id, iteration, start, stop)
     return {"file": name}
 

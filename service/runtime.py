@@ -142,13 +142,13 @@ class Runtime:
         """Moving average over the tiles of the model used last."""
         return None if self._newest is None else self._speeds[self._newest]
 
-    def speed(self, model: str) -> float | None:
-        """Return the moving average over the tiles of a model, in points per second."""
-        return self._speeds.get(model)
+    def speed(self, form: str) -> float | None:
+        """Return the moving average over the tiles of a form of a model, in points per second."""
+        return self._speeds.get(form)
 
-    def measured(self, model: str, points: int, seconds: float) -> None:
+    def measured(self, form: str, points: int, seconds: float) -> None:
         """Take a finished tile into the average speed."""
         speed = points / max(seconds, 1e-6)
-        before = self._speeds.get(model, speed)
-        self._speeds[model] = before + SPEED_WEIGHT * (speed - before)
-        self._newest = model
+        before = self._speeds.get(form, speed)
+        self._speeds[form] = before + SPEED_WEIGHT * (speed - before)
+        self._newest = form

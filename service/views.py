@@ -30,6 +30,7 @@ class PlanView(BaseModel):
     noise: float = Field(description="Estimated standard deviation of the distance from the surface")
     spacing: float = Field(description="Estimated side of the square of surface that a point stands for")
     radii: list[float] = Field(description="Size of the neighbourhoods of each iteration")
+    neighbours: int | None = Field(None, description="Of each point, in the fast form; null for the model's own number")
 
 
 class ExecutionView(BaseModel):

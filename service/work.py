@@ -131,9 +131,7 @@ class Progress:
         if now - self._told < POLL_SECONDS:
             return False
         self._told = now
-        speed = self._runtime.speed(self._job.parameters["model"]) or (
-            self._done / (now - self._began - self.lent) or None
-        )
+        speed = self._runtime.speed(form(self._job)) or (self._done / (now - self._began - self.lent) or None)
         return not self._runtime.attempts.wanted(self._job.id, done=self._base + self._done, points_per_second=speed)
 
     def check(self) -> None:
@@ -216,6 +214,11 @@ def settled(runtime: Runtime, job: Job) -> Denoiser:
     if known != known | execution:
         runtime.attempts.update(job.id, execution=known | execution)
     return runtime.models.get(job.parameters["model"])
+
+
+def form(job: Job) -> str:
+    """Return what sets a job's speed: its model, and whether it takes the fast form of it."""
+    return job.parameters["model"] + (" fast" if job.parameters.get("fast", False) else "")
 
 
 def planned(job: Job) -> Plan:

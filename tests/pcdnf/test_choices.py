@@ -1,6 +1,6 @@
 import pytest
 
-from pcdnf.choices import ChoiceError, check_iterations, check_radius
+from pcdnf.choices import FAST_NEIGHBOURS, ChoiceError, check_fast, check_iterations, check_radius
 
 
 @pytest.mark.parametrize(("value", "meant"), [("auto", None), ("3", 3), (2, 2)])
@@ -27,3 +27,12 @@ def test_radius_that_cannot_be(value: str) -> None:
     with pytest.raises(ChoiceError, match="a share of its diagonal") as caught:
         check_radius(value)
     assert caught.value.code == "invalid_radius"
+
+
+def test_fast_is_for_networks_that_were_trained_with_fewer_neighbours() -> None:
+    assert check_fast(True, "lite") == FAST_NEIGHBOURS["lite"]
+    assert check_fast(False, "lite") is None
+    assert check_fast(False, "pcdnf") is None
+    with pytest.raises(ChoiceError, match="no fast form") as caught:
+        check_fast(True, "pcdnf")
+    assert caught.value.code == "no_fast_form"

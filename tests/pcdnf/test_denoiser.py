@@ -3,8 +3,9 @@ import pytest
 import torch
 
 from pcdnf import Denoiser, Stopped
+from pcdnf.choices import ChoiceError
 from pcdnf.cloud import CloudError, Frame
-from pcdnf.denoiser import iteration_seed
+from pcdnf.denoiser import Plan, iteration_seed
 
 MODELS = ["pcdnf-lite", "pcdnf"]
 
@@ -93,6 +94,30 @@ def test_denoise_is_prepare_and_tiles(lite: Denoiser) -> None:
             points[cloud.order[start:stop]], normals[cloud.order[start:stop]] = tile.points, tile.normals
     assert np.allclose(points, result.points, atol=1e-6)
     assert np.allclose(normals, result.normals, atol=1e-4)
+
+
+def test_fast_takes_fewer_neighbours_and_hardly_worse_ones(lite: Denoiser) -> None:
+    noisy, _, _ = box(20_000, 0.01)
+    plan = lite.plan(noisy, iterations=1, fast=True)
+    assert Plan.from_json(plan.to_json()) == plan
+    usual, fast = (lite.prepare(noisy, plan=chosen) for chosen in (lite.plan(noisy, iterations=1), plan))
+    assert fast.source.take(fast.order[:4]).points.shape == (4, 128, 3)
+    assert usual.source.take(fast.order[:4]).points.shape == (4, 256, 3)
+    assert fast.source.radius == usual.source.radius
+    some = [lite.denoise_tile(cloud, 4000, 6000) for cloud in (usual, fast)]
+    left = [to_box(tile.points).mean() for tile in some]
+    assert left[0] != left[1]
+    assert left[1] < 1.15 * left[0]
+    whole, tile = lite.denoise_tile(fast, 4000, 4100), lite.denoise_tile(fast, 4030, 4060)
+    assert np.allclose(whole.points[30:60], tile.points, atol=1e-7)
+
+
+def test_fast_is_told_and_refused_where_it_was_not_trained(lite: Denoiser) -> None:
+    noisy, _, _ = box(600, 0.01)
+    assert lite.denoise(noisy, iterations=1, fast=True).metadata["fast"] == "128 neighbours"
+    assert "fast" not in lite.denoise(noisy, iterations=1).metadata
+    with pytest.raises(ChoiceError, match="no fast form"):
+        Denoiser.load("pcdnf", device="cpu").denoise(noisy, fast=True)
 
 
 def test_same_seed_same_result_other_seed_another(lite: Denoiser) -> None:

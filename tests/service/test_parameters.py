@@ -57,3 +57,15 @@ def test_orient_follows_the_side_of_the_files_normals(running: Service, ball: Pa
     _, result = _result(running, ball, orient="true", outliers="drop")
     assert result.normals is not None
     assert ((result.points * result.normals).sum(1) < 0).mean() > 0.99  # the file's look inwards
+
+
+def test_the_fast_form_is_told_and_refused_to_a_model_without(running: Service, ball: Path) -> None:
+    job, result = _result(running, ball, iterations="1", fast="true")
+    assert job["execution"]["plan"]["neighbours"] == 128  # type: ignore[index]
+    assert result.metadata["fast"] == "128 neighbours"
+    answer = running.client.post(
+        "/denoise", files={"file": ("ball.ply", ball.read_bytes())}, data={"fast": "true", "model": "pcdnf"}
+    )
+    assert answer.status_code == 422
+    assert answer.json()["code"] == "invalid_parameters"
+    assert "no fast form" in answer.json()["detail"]
