@@ -218,7 +218,8 @@ def settled(runtime: Runtime, job: Job) -> Denoiser:
 
 def form(job: Job) -> str:
     """Return what sets a job's speed: its model, and whether it takes the fast form of it."""
-    return job.parameters["model"] + (" fast" if job.parameters.get("fast", False) else "")
+    fast = job.parameters.get("fast", False)  # which jobs of before this release have not
+    return f"{job.parameters['model']}{' fast' if fast else ''}"
 
 
 def planned(job: Job) -> Plan:
