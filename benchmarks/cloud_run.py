@@ -47,7 +47,7 @@ def measured(points: int, *, model: str, precision: str, tiles: int) -> dict[str
     stages.watch(plan, "cKDTree", "tree")
     stages.watch(denoiser, "cKDTree", "tree")
     stages.watch(denoiser, "raw_normals", "normals")
-    stages.watch(denoiser, "Cloud", "order along a curve")
+    stages.watch(denoiser, "spatial_order", "order along a curve")
     stages.watch(denoiser, "PatchSource", "grid")
     stages.watch(patches.PatchSource, "neighbours", "neighbours")
     stages.watch(patches, "local_patches", "gather and frames")
