@@ -76,6 +76,16 @@ def test_the_proxy_keeps_metrics_inside() -> None:
     assert re.search(r"location = /metrics \{\s+default_type application/problem\+json;\s+return 404 ", configuration)
 
 
+def test_the_proxy_bounds_slow_callers_and_passes_bodies_on_as_they_come() -> None:
+    directives = dict(re.findall(r"^ *(\w+) (.+);", (ROOT / "docker" / "nginx.conf").read_text(), re.MULTILINE))
+    assert int(directives["client_header_timeout"].removesuffix("s")) <= 10
+    assert int(directives["client_body_timeout"].removesuffix("s")) <= 60
+    assert int(directives["send_timeout"].removesuffix("s")) <= 60
+    assert directives["limit_conn"].startswith("callers ")
+    assert directives["ssl_protocols"] == "TLSv1.2 TLSv1.3"
+    assert (directives["client_max_body_size"], directives["proxy_request_buffering"]) == ("0", "off")
+
+
 def test_gpu_worker_reserves_a_device_and_stays_out_by_default(services: dict[str, Any]) -> None:
     worker = services["worker-gpu"]
     assert worker["profiles"] == ["gpu"]

@@ -132,5 +132,13 @@ def test_time_limit(make_api: MakeApi, tmp_path: Path, monkeypatch: pytest.Monke
     assert not list((tmp_path / "data" / "scratch").iterdir())
 
 
+def test_one_point_too_few(api: httpx.Client) -> None:
+    for count, status in ((MINIMUM_POINTS - 1, 422), (MINIMUM_POINTS, 202), (MINIMUM_POINTS + 1, 202)):
+        response = api.post("/denoise", files={"file": _ply(count, POINTS[:count])})
+        assert response.status_code == status
+        if status == 422:
+            assert (response.json()["code"], response.json()["limit"]) == ("too_few_points", MINIMUM_POINTS)
+
+
 def test_the_minimum_is_the_denoisers() -> None:
     assert Denoiser.load("pcdnf-lite", device="cpu").minimum_points == MINIMUM_POINTS

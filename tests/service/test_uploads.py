@@ -5,6 +5,7 @@ import gzip
 import json
 import socket
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -240,3 +241,10 @@ def test_disk_that_fills_up_meanwhile(
     response = make_api().post("/denoise", files={"file": small.read_bytes()})
     assert (response.status_code, response.json()["code"]) == (503, "disk_full")
     assert not list((tmp_path / "data" / "scratch").iterdir())
+
+
+def test_the_libraries_that_take_requests_apart_are_mended_ones() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    floors = dict(each.split(">=") for each in project["optional-dependencies"]["service"] if each.count(">=") == 1)
+    for name, least in (("starlette", (1, 3, 1)), ("python-multipart", (0, 0, 31))):  # ranges, floods of parts
+        assert tuple(map(int, floors[name].split(",")[0].split("."))) >= least
