@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from conftest import Board
+
+from service import pipeline
+from service.runtime import Runtime
+from service.storage import DISPLAY, UPLOAD, job_file
+from service.turns import Turns
+
+
+@pytest.mark.parametrize("ended", ["succeeded", "failed", "removed", "running"])
+def test_what_a_late_worker_left_goes(board: Board, ended: str) -> None:
+    models: Any = None
+    pipeline.install(Runtime(board.settings, board.storage, board.attempts, models, Turns()))
+    job = board.submit()
+    board.attempts.open(job.id)
+    for name in ("tiles/0-0-1.npz", "result-1.ply", "result-2.ply", DISPLAY):
+        scratch = board.storage.scratch()
+        scratch.write_bytes(b"x")
+        board.storage.put(scratch, job_file(job.id, name))
+    if ended == "failed":
+        board.attempts.fail(job.id, {})
+    elif ended != "running":
+        board.attempts.succeed(job.id, {"ply": {"file": "result-1.ply", "size": 1, "sha256": ""}}, [])
+    if ended == "removed":
+        board.jobs.remove(job)
+        scratch.write_bytes(b"x")
+        board.storage.put(scratch, job_file(job.id, "tiles/0-0-2.npz"))
+    assert pipeline._end(job, None) == "gone"
+    folder = board.settings.data_dir / "jobs" / job.id
+    left = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    kept = {UPLOAD, "result-1.ply", DISPLAY}
+    everything = kept | {"result-2.ply", "tiles"}
+    assert left == {"succeeded": kept, "failed": set(), "removed": set(), "running": everything}[ended]
+
+
+def test_a_late_report_changes_no_job_that_has_ended(board: Board) -> None:
+    job = board.submit(points=100)
+    board.attempts.open(job.id)
+    board.attempts.update(job.id, done=60)
+    board.attempts.update(job.id, done=40)
+    assert board.now(job).done == 60
+    board.attempts.succeed(job.id, {}, [])
+    board.attempts.update(job.id, done=40, execution={"late": True})
+    assert (board.now(job).done, board.now(job).execution) == (100, None)
