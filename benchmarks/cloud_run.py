@@ -52,7 +52,6 @@ def measured(points: int, *, model: str, precision: str, tiles: int) -> dict[str
     stages.watch(patches.PatchSource, "neighbours", "neighbours")
     stages.watch(patches, "local_patches", "gather and frames")
     stages.watch(inference.Inference, "network", "network")
-    stages.watch(inference, "to_world", "back to the world")
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder, "noisy.ply"), Path(folder, "made.ply")
         write(given, PointCloud(points=noisy_surface(points)))
