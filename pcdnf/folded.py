@@ -18,21 +18,10 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from . import fused
+from .convolutions import SLOPE, Conv1x1
+from .decoder import REGRESSOR_NEIGHBOURS, CoordinateRegressor, NormalRegressor
 from .layers import Affine, Edges, bare, coordinate_graph, feature_graph, fold_conv, pool, scale_shift, whole
-from .network import (
-    ANCHOR_REACH,
-    PCDNF,
-    REGRESSOR_NEIGHBOURS,
-    SLOPE,
-    STEER,
-    Conv1x1,
-    CoordinateRegressor,
-    MultiscaleFeatureExtractor,
-    NetworkOutput,
-    NormalRegressor,
-    ShapeAwareSelector,
-    anchor,
-)
+from .network import ANCHOR_REACH, PCDNF, STEER, MultiscaleFeatureExtractor, NetworkOutput, ShapeAwareSelector, anchor
 from .threads import in_parallel
 
 CHUNK = 8

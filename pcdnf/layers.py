@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from . import fused, selection
-from .network import SLOPE, ChannelNorm, Conv1x1, EdgeConv
+from .convolutions import SLOPE, ChannelNorm, Conv1x1, EdgeConv
 
 Part = TypeVar("Part", bound=nn.Module)
 

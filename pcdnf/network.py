@@ -7,11 +7,7 @@ weights load.
 
 Deviations, each of them deliberate:
 
-* An EdgeConv never builds its edges. With ``W [x_j - x_i ; x_i] = W1 x_j + (W2 - W1) x_i`` it is two linear
-  layers on the points and one gather-max; ``neighbour`` is W1, ``centre`` is W2 - W1. BatchNorm and LeakyReLU
-  stand behind the maximum. In inference that equals the usual order wherever the BatchNorm scale is positive
-  (``pcdnf.release`` flips the signs of channels where it is not); in training the batch statistics are those
-  of the maxima, not of all edges.
+* An EdgeConv never builds its edges, see :mod:`pcdnf.convolutions`.
 * ``anchor`` (ours): the selector's scores also weigh a least-squares quadric fit of the patch, whose value
   and slope at the origin are the first guess of displacement and normal; the decoders predict what is left.
   The patch must stand in its PCA frame, least variance along z. The losses then reach the selector directly,
@@ -29,11 +25,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .convolutions import Conv1x1, EdgeConv
+from .decoder import Decoder, FusedFeatures
 from .fit import QuadricFit, fit_quadric, real_points
-from .neighbors import gather_max, gather_mean, gather_points, knn
+from .neighbors import gather_mean, gather_points, knn
 
-SLOPE = 0.2  # of every LeakyReLU
-REGRESSOR_NEIGHBOURS = 8  # of the two EdgeConvs in the normal regressor
 ANCHOR_REACH = 0.3  # largest correction of the anchor's displacement, in patch radii
 ANCHOR_RIDGE = (1e-6, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2)  # on 1, x, y, x^2, xy, y^2
 ANCHOR_FLOOR = 1e-4  # added to every weight of the fit
@@ -97,44 +93,6 @@ class NetworkOutput(NamedTuple):
     selected: Tensor  # (B, K) int64, the points of largest weight
     refined_points: Tensor  # (B, M, 3)
     refined_normals: Tensor  # (B, M, 3)
-
-
-class ChannelNorm(nn.BatchNorm1d):
-    """BatchNorm over the last axis, in float32."""
-
-    def forward(self, input: Tensor) -> Tensor:
-        return super().forward(input.float().reshape(-1, input.shape[-1])).view(input.shape)
-
-
-class Conv1x1(nn.Module):
-    """Linear layer, BatchNorm, LeakyReLU; ``shared`` channels are the same for all points of a patch."""
-
-    def __init__(self, channels: int, out: int, *, shared: int = 0, slope: float = SLOPE) -> None:
-        super().__init__()
-        self.linear = nn.Linear(channels, out, bias=False)
-        self.shared = nn.Linear(shared, out, bias=False) if shared else None
-        self.norm = ChannelNorm(out)
-        self.slope = slope
-
-    def forward(self, x: Tensor, shared: Tensor | None = None) -> Tensor:
-        y = self.linear(x)  # (B, N, out)
-        if self.shared is not None and shared is not None:
-            y = y + self.shared(shared)[:, None]
-        return F.leaky_relu(self.norm(y), self.slope)
-
-
-class EdgeConv(nn.Module):
-    """max over neighbours j of LeakyReLU(BN(W [x_j - x_i ; x_i])), without the edges."""
-
-    def __init__(self, channels: int, out: int) -> None:
-        super().__init__()
-        self.neighbour = nn.Linear(channels, out, bias=False)
-        self.centre = nn.Linear(channels, out, bias=False)
-        self.norm = ChannelNorm(out)
-
-    def forward(self, x: Tensor, graph: Tensor) -> Tensor:
-        y = self.centre(x) + gather_max(self.neighbour(x), graph)  # (B, N, out)
-        return F.leaky_relu(self.norm(y), SLOPE)
 
 
 class MultiscaleFeatureExtractor(nn.Module):
@@ -201,14 +159,6 @@ class ShapeAwareSelector(nn.Module):
         return Selection(torch.sigmoid(self.score(guide).amax(-1)), steer)
 
 
-class FusedFeatures(NamedTuple):
-    """Input of the decoder: features of the selected points and, for the point branch, of the patch."""
-
-    point: Tensor | None  # (B, K, 256), 128 without one of the branches or without refinement
-    patch: Tensor | None  # (B, 128); the third part of the point branch's concatenation, the same for all K
-    normal: Tensor | None  # (B, K, 256), or 128 likewise; the patch's part is already added
-
-
 class FeatureRefinement(nn.Module):
     """Augmentation of the selected points' features by their neighbours', fusion of the two branches."""
 
@@ -243,64 +193,6 @@ def _concat(own: Tensor | None, other: Tensor | None) -> Tensor | None:
     if own is None or other is None:
         return own
     return torch.cat([own, other], -1)
-
-
-class CoordinateRegressor(nn.Module):
-    """Displacement of the centre from the refined point features."""
-
-    def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        fused = config.refinement
-        self.conv = Conv1x1(256 if fused and config.normal_branch else 128, 512, shared=128 if fused else 0)
-        self.reduce = nn.Sequential(Conv1x1(512, 256, slope=0.0), Conv1x1(256, 64, slope=0.0))  # ReLU
-        self.out = nn.Linear(64, 3)
-
-    def forward(self, f: Tensor, patch: Tensor | None) -> Tensor:
-        f = self.conv(f, patch).amax(1)  # (B, 512)
-        return torch.tanh(self.out(self.reduce(f)).float())  # (B, 3)
-
-
-class NormalRegressor(nn.Module):
-    """Filtered normal of the centre from the refined normal features."""
-
-    def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.conv = Conv1x1(256 if config.refinement and config.point_branch else 128, 128)
-        self.squeeze = EdgeConv(128, 64)
-        self.expand = EdgeConv(64, 128)
-        self.lift = Conv1x1(128, 256)
-        self.reduce = nn.Sequential(Conv1x1(256, 128), Conv1x1(128, 64))
-        self.out = nn.Linear(64, 3)
-
-    def forward(self, f: Tensor) -> Tensor:
-        f = self.conv(f)  # (B, K, 128)
-        g = self.squeeze(f, knn(f, REGRESSOR_NEIGHBOURS))  # (B, K, 64)
-        g = self.expand(g, knn(g, REGRESSOR_NEIGHBOURS))  # (B, K, 128)
-        f = self.lift(f + g).amax(1)  # (B, 256)
-        out: Tensor = self.out(self.reduce(f)).float()  # (B, 3)
-        return out
-
-
-class Decoder(nn.Module):
-    """Coordinate and normal regressor."""
-
-    def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.coordinate = CoordinateRegressor(config) if config.point_branch else None
-        self.normal = NormalRegressor(config) if config.normal_branch else None
-        if config.anchor:  # start from the fit
-            for regressor in (self.coordinate, self.normal):
-                if regressor is not None:
-                    nn.init.normal_(regressor.out.weight, std=1e-3)
-                    nn.init.zeros_(regressor.out.bias)
-
-    def forward(self, fused: FusedFeatures) -> tuple[Tensor | None, Tensor | None]:
-        displacement = normal = None
-        if self.coordinate is not None and fused.point is not None:
-            displacement = self.coordinate(fused.point, fused.patch)
-        if self.normal is not None and fused.normal is not None:
-            normal = self.normal(fused.normal)
-        return displacement, normal
 
 
 def anchor(points: Tensor, weight: Tensor, normals: Tensor | None = None, steer: Tensor | None = None) -> QuadricFit:

@@ -16,8 +16,9 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from .convolutions import Conv1x1, EdgeConv
 from .errors import PcdnfError
-from .network import PCDNF, Conv1x1, EdgeConv, NetworkConfig
+from .network import PCDNF, NetworkConfig
 
 CONFIG = NetworkConfig(release_transpose=True)
 _UNREADABLE = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, LookupError, TypeError, AttributeError)

@@ -10,8 +10,9 @@ from torch import Tensor, nn
 
 from benchmarks.reference import random_release
 from pcdnf import layers
+from pcdnf.convolutions import ChannelNorm
 from pcdnf.folded import CHUNK, FoldedPCDNF, PlainInference, fold
-from pcdnf.network import PCDNF, ChannelNorm, NetworkConfig
+from pcdnf.network import PCDNF, NetworkConfig
 from pcdnf.release import CONFIG, convert_release
 
 

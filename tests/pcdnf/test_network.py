@@ -7,9 +7,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from pcdnf.convolutions import EdgeConv
 from pcdnf.fit import fit_quadric
 from pcdnf.neighbors import knn
-from pcdnf.network import ANCHOR_FLOOR, ANCHOR_RIDGE, PCDNF, EdgeConv, NetworkConfig
+from pcdnf.network import ANCHOR_FLOOR, ANCHOR_RIDGE, PCDNF, NetworkConfig
 
 SMALL = NetworkConfig(patch_points=96, selected=48)
 ABLATIONS = {
