@@ -29,12 +29,12 @@ from pcdnf.benchmark.clouds import block
 from pcdnf.benchmark.noise import add_noise
 from pcdnf.checkpoint import DEFAULT_MODEL
 from pcdnf.commands import read_any
-from pcdnf.denoiser import DenoiseResult
 from pcdnf.formats import PointCloud
 from pcdnf.frames import principal_axes
 from pcdnf.metrics import score
 from pcdnf.normals import pca_normals
 from pcdnf.render import render_comparison
+from pcdnf.result import DenoiseResult
 
 Floats = NDArray[np.float64]
 

@@ -10,28 +10,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
 from . import __version__
 from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
 from .choices import check_fast
-from .cloud import Cloud, CloudError, Frame, TileResult, spatial_order
+from .cloud import Cloud, CloudError, Frame, TileResult
 from .device import choose_device, choose_precision
-from .device_patches import DevicePatchSource
 from .inference import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
 from .lite import LiteOutput
 from .models import build_network
 from .network import NetworkOutput
-from .normals import raw_normals
-from .patches import PatchSource, Recipe
+from .patches import Recipe
 from .plan import Plan, make_plan
-from .scale import normals_reach
+from .preparation import InitialNormals, prepare_cloud
+from .result import DenoiseResult
 
 __all__ = [
     "Cloud",
@@ -47,28 +43,6 @@ __all__ = [
 ]
 
 Progress = Callable[[int, int], None]
-InitialNormals = Literal["auto", "pca", "input"]
-
-
-@dataclass(frozen=True)
-class DenoiseResult:
-    """A denoised cloud, in the order of the input.
-
-    Attributes
-    ----------
-    points : ndarray, (N, 3) float64
-    normals : ndarray, (N, 3) float32
-        Unit length, on the side of the input's normal where there was one.
-    flagged : ndarray, (N,) bool
-        Points without enough neighbours, returned as they came.
-    metadata : dict of str
-        Model, weights' hash, device, precision, seed, iterations, version: enough to repeat the run.
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float32]
-    flagged: NDArray[np.bool_]
-    metadata: dict[str, str] = field(default_factory=dict)
 
 
 class Denoiser:
@@ -217,25 +191,18 @@ class Denoiser:
         frame = Frame.of(given) if frame is None else frame
         if plan is None:
             plan = make_plan(given, self.recipe, frame=frame)
-        local = frame.to_local(given)
-        radius = plan.radii[iteration] / frame.diagonal
-        count = self.recipe.points if plan.neighbours is None else min(plan.neighbours, self.recipe.points)
-        recipe = replace(self.recipe, points=count, radius=radius, fewest=FEWEST_NEIGHBOURS + 10)
-        tree = cKDTree(local)
-
-        def check() -> None:
-            if should_stop is not None and should_stop():
-                raise Stopped
-
-        reach = 0.0
-        if recipe.normals == "ball" and initial != "pca":
-            reach = normals_reach(radius, plan.scale.scaled(1 / frame.diagonal))
-        raw = raw_normals(local, normals, tree=tree, reach=reach, replace=initial != "input", check=check)
-        source: PatchSource | DevicePatchSource
-        source = PatchSource(local, raw, recipe, diagonal=1.0, seed=seed, tree=tree)
-        if self.device != "cpu" and recipe.kind == "ball":
-            source = DevicePatchSource(source, device=self.device)
-        return Cloud(given, raw, frame, source, spatial_order(local))
+        return prepare_cloud(
+            given,
+            normals,
+            self.recipe,
+            plan=plan,
+            iteration=iteration,
+            frame=frame,
+            initial=initial,
+            seed=seed,
+            device=self.device,
+            should_stop=should_stop,
+        )
 
     def _checked(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
