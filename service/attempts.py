@@ -19,7 +19,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from . import outcomes
 from .database import jobs as table
-from .database import now_ms
+from .database import now_ms, shares
 from .job import LIVE, Job, as_job
 
 log = logging.getLogger(__name__)
@@ -108,6 +108,14 @@ class Attempts:
         """Let go of a job between two tiles, without a loss, because this worker stops."""
         self.update(job_id, open=False)
 
+    def resume(self, job_id: str) -> None:
+        """Go on with a job that was let go of."""
+        self.update(job_id, open=True)
+
+    def finished_tile(self, job_id: str, *, done: int, points_per_second: float | None) -> None:
+        """Report a tile that is stored, which forgives the losses so far."""
+        self.update(job_id, losses=0, done=done, points_per_second=points_per_second)
+
     @patient
     def succeed(self, job_id: str, results: dict[str, Any], warnings: list[str]) -> bool:
         """End a job well; False if it was cancelled before that."""
@@ -142,7 +150,15 @@ class Attempts:
             ended = connection.execute(query).rowcount == 1
             if ended:
                 outcomes.count(connection, values["status"], values.get("problem", {}).get("code", ""))
+        if ended:
+            self._drop_shares(job_id)
         return ended
+
+    @patient
+    def _drop_shares(self, job_id: str) -> None:
+        # In a transaction of its own: who reports on a share locks it first, then the job.
+        with self._engine.begin() as connection:
+            connection.execute(shares.delete().where(shares.c.job == job_id))
 
 
 def _forward(done: int) -> sa.ColumnElement[int]:

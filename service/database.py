@@ -86,6 +86,20 @@ switches = sa.Table(
     sa.Column("since", sa.BigInteger, nullable=False),
 )
 
+# Shares of the tiles of one large job, while several workers compute them.
+shares = sa.Table(
+    "pcdnf_shares",
+    metadata,
+    sa.Column("id", sa.String(128), primary_key=True),
+    sa.Column("job", sa.String(64), sa.ForeignKey("pcdnf_jobs.id", ondelete="CASCADE"), nullable=False, index=True),
+    # As the columns of the job, over all iterations: what is done before this share, and of it.
+    sa.Column("start", sa.BigInteger, nullable=False),
+    sa.Column("done", sa.BigInteger, nullable=False),
+    sa.Column("points_per_second", sa.Float),
+    sa.Column("open", sa.Boolean, nullable=False),
+    sa.Column("losses", sa.Integer, nullable=False),
+)
+
 # Keys that callers send to make a job once. Held by a lease while a request uploads, then bound to its job.
 idempotency = sa.Table(
     "pcdnf_idempotency",

@@ -37,6 +37,12 @@ class Job:
     open: bool
     losses: int
     context: dict[str, str] | None
+    share: str | None = None  # which share of it a worker has in hand, where it is not all
+
+    @property
+    def work(self) -> str:
+        """The id of what a worker has in hand: the job, or the share."""
+        return self.share or self.id
 
     @property
     def live(self) -> bool:
@@ -56,4 +62,4 @@ def is_id(text: str) -> bool:
 
 def as_job(row: sa.RowMapping) -> Job:
     """Return the row as a :class:`Job`."""
-    return Job(**{field.name: row[field.name] for field in fields(Job)})
+    return Job(**{field.name: row[field.name] for field in fields(Job) if field.name != "share"})

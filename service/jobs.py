@@ -196,4 +196,4 @@ class Jobs:
 
     def forget(self, job_id: str) -> None:
         """Remove the engine's record of a finished job."""
-        self._client.delete_workflow(job_id)
+        self._client.delete_workflow(job_id, delete_children=True)

@@ -36,6 +36,9 @@ LANES = (
 )
 
 
+SHARES_QUEUE, SHARES_IN_HAND = "shares", 2  # of large jobs; one of the two waits, so that its worker need not
+
+
 def lane(total: int) -> Lane:
     """Return the lane of a job of so many points times iterations."""
     return next(lane for lane in LANES if total <= lane.upto)

@@ -72,6 +72,7 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     # How a job may fail; shown in the job's `problem`.
     "worker_lost": (500, "The worker died on this job"),
     "model_changed": (500, "The model changed while the job was under way"),
+    "workers_differ": (500, "The workers do not compute alike"),
     "out_of_memory": (500, "Not enough memory"),
 }
 # For errors of the framework itself.

@@ -8,8 +8,8 @@ import sqlalchemy as sa
 from dbos import DBOS, DBOSConfig
 
 from .attempts import Attempts
-from .engine import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER
-from .lanes import LANES
+from .engine import APPLICATION_NAME, APPLICATION_VERSION, GIVEN_UP, SERIALIZER
+from .lanes import LANES, SHARES_IN_HAND, SHARES_QUEUE
 from .problems import Problem
 from .settings import Settings
 from .workers import Workers
@@ -17,7 +17,6 @@ from .workers import Workers
 log = logging.getLogger(__name__)
 
 FORGET_FACTOR = 10  # a worker silent this many times longer than stale is dropped from the table
-GIVEN_UP = ["ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"]
 
 
 def launch(settings: Settings, engine: sa.Engine) -> None:
@@ -33,12 +32,13 @@ def launch(settings: Settings, engine: sa.Engine) -> None:
         "log_level": settings.log_level.upper() if settings.log_level in ("debug", "error") else "WARNING",
     }
     DBOS(config=config)
-    DBOS.listen_queues([lane.queue for lane in LANES])
+    in_hand = {lane.queue: lane.in_hand for lane in LANES} | {SHARES_QUEUE: SHARES_IN_HAND}
+    DBOS.listen_queues(list(in_hand))
     DBOS.launch()
-    for lane in LANES:
+    for queue, jobs in in_hand.items():
         DBOS.register_queue(
-            lane.queue,
-            worker_concurrency=lane.in_hand,
+            queue,
+            worker_concurrency=jobs,
             polling_interval_sec=settings.poll_seconds,
             on_conflict="always_update",
         )

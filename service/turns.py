@@ -119,7 +119,8 @@ class Turns:
         with self._changed:
             if self._closed or claim is self._kept or any(other.alone for other in (*self._waiting, *self._working)):
                 return False
-            if all(other.left is None or other.left >= (claim.left or 0) for other in self._waiting):
+            others = [other.left for other in self._waiting if other.left is not None and other.job != claim.job]
+            if all(left >= (claim.left or 0) for left in others):
                 return False
             self._working.remove(claim)
             self._waiting.append(claim)

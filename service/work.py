@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import time
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -26,6 +27,7 @@ from .storage import UPLOAD, job_file, own_name, writing
 log = logging.getLogger(__name__)
 
 RAW_NORMALS = "raw-normals.npz"
+DIFFERS = "workers_differ"
 POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
 DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step that finds the disk full
 T = TypeVar("T")
@@ -35,8 +37,8 @@ class DiskFull(Exception):
     """The disk stays full."""
 
 
-def with_room(runtime: Runtime, job_id: str, work: Callable[[], T]) -> T:
-    """Do the work, again for a while where the disk is full: results that expire may make room.
+def with_room(runtime: Runtime, in_hand: str, work: Callable[[], T]) -> T:
+    """Do the work of a job or share in hand, again for a while where the disk is full: what expires may make room.
 
     Raises
     ------
@@ -51,9 +53,9 @@ def with_room(runtime: Runtime, job_id: str, work: Callable[[], T]) -> T:
                 raise
             if time.monotonic() > deadline:
                 raise DiskFull from error
-        log.warning("job %s waits: the disk is full", job_id)
+        log.warning("job %s waits: the disk is full", in_hand)
         time.sleep(DISK_RETRY_SECONDS)
-        runtime.pause_if_stopping(job_id)
+        runtime.pause_if_stopping(in_hand)
 
 
 def tile_name(iteration: int, start: int) -> str:
@@ -132,7 +134,8 @@ class Progress:
             return False
         self._told = now
         speed = self._runtime.speed(form(self._job)) or (self._done / (now - self._began - self.lent) or None)
-        return not self._runtime.attempts.wanted(self._job.id, done=self._base + self._done, points_per_second=speed)
+        record = self._runtime.record(self._job)
+        return not record.wanted(self._job.work, done=self._base + self._done, points_per_second=speed)
 
     def check(self) -> None:
         """Raise :class:`pcdnf.denoiser.Stopped` where :meth:`stop` says so."""
@@ -140,25 +143,27 @@ class Progress:
             raise Stopped
 
 
+@dataclass(frozen=True)
+class Pass:
+    """One iteration: its number, the merged cloud of the one before, and the order of its points once that is known."""
+
+    iteration: int
+    before: str | None
+    order: int | None = None
+
+
 @dataclass
 class Prepared:
-    """The cloud of one iteration made ready, kept in memory between the tiles."""
+    """The cloud of one iteration made ready, kept in memory between the tiles; `order` sums up that of its points."""
 
     iteration: int
     denoiser: Denoiser
     cloud: Cloud
+    order: int
 
 
-def prepared(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Prepared:
+def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
     """Return the cloud of an iteration, prepared now unless it was kept.
-
-    Parameters
-    ----------
-    runtime : Runtime
-    job : Job
-    iteration : int
-    before : str, optional
-        Name of the merged cloud of the iteration before this one.
 
     Raises
     ------
@@ -167,18 +172,31 @@ def prepared(runtime: Runtime, job: Job, iteration: int, before: str | None) -> 
     pcdnf.denoiser.Stopped
         If the job was cancelled meanwhile.
     """
-    kept = runtime.kept.get(job.id)
-    if isinstance(kept, Prepared) and kept.iteration == iteration:
-        return kept
-    progress = Progress(runtime, job, iteration * job.upload["points"])
+    progress = Progress(runtime, job, 0)
+    with runtime.preparing(job, progress.check):
+        kept = runtime.kept.get(job.id)
+        if not isinstance(kept, Prepared) or kept.iteration != now.iteration:
+            kept = _prepare(runtime, job, now, progress)
+    if now.order is not None and kept.order != now.order:
+        raise PcdnfError(
+            "This worker put the points of the cloud into another order than the one that began the job.",
+            code=DIFFERS,
+            hint="Submit the file again. Workers that share a queue should run on one kind of machine.",
+        )
+    return kept
+
+
+def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepared:
+    iteration = now.iteration
     with runtime.at_work(job, progress.check), runtime.stage("prepare"):
         runtime.kept.pop(job.id, None)  # the cloud before may be large
+        runtime.drop_idle(0)
         denoiser = settled(runtime, job)
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
         normals = given.normals
-        if before is not None:
-            merged = load_arrays(runtime, job.id, before)
+        if now.before is not None:
+            merged = load_arrays(runtime, job.id, now.before)
             points, normals = merged["points"], merged["normals"]
         cloud = denoiser.prepare(
             points,
@@ -190,7 +208,7 @@ def prepared(runtime: Runtime, job: Job, iteration: int, before: str | None) -> 
             seed=iteration_seed(job.parameters["seed"], iteration),
             should_stop=progress.stop,
         )
-        fresh = Prepared(iteration, denoiser, cloud)
+        fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
         runtime.kept[job.id] = fresh
         return fresh
 
@@ -211,7 +229,7 @@ def settled(runtime: Runtime, job: Job) -> Denoiser:
             code="model_changed",
             hint="Submit the file again.",
         )
-    if known != known | execution:
+    if job.share is None and known != known | execution:
         runtime.attempts.update(job.id, execution=known | execution)
     return runtime.models.get(job.parameters["model"])
 

@@ -19,7 +19,6 @@ import sqlalchemy as sa
 from pcdnf.errors import PcdnfError
 
 from . import database, tracing
-from .attempts import Attempts
 from .jobs import Jobs
 from .problems import Problem
 from .process import EX_CONFIG, die_with_supervisor, load_settings, observe, refuse
@@ -179,11 +178,10 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     torch.set_num_threads(threads)
     storage = open_storage(settings, patience=STORAGE_SECONDS)
     storage.check()
-    attempts = Attempts(engine, settings.job_ttl)
     models = Models(settings)
     heart.details = models.execution(settings.default_model)
     one_caller = numba.threading_layer() == "workqueue"  # type: ignore[attr-defined]
-    runtime = Runtime(settings, storage, attempts, models, Turns(always_alone=one_caller))
+    runtime = Runtime(settings, storage, engine, models, Turns(always_alone=one_caller))
     pipeline.install(runtime)
     retention = Retention(engine, storage, Jobs(engine, storage, settings), settings)
     if stopping.is_set():
@@ -201,7 +199,8 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
             if time.monotonic() - recovered > settings.heartbeat_seconds:
                 recovered = time.monotonic()
                 take_over(settings, workers)
-                settle(attempts)
+                settle(runtime.attempts)
+                runtime.drop_idle()
             if time.monotonic() - purged > min(PURGE_SECONDS, settings.job_ttl):
                 purged = time.monotonic()
                 retention.purge()
@@ -215,8 +214,7 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     deadline = time.monotonic() + settings.grace_seconds
     while not runtime.at_rest and time.monotonic() < deadline:
         time.sleep(0.05)
-    for job_id in runtime.in_hand - runtime.parked:
-        attempts.park(job_id)
+    runtime.let_go_of_the_rest()
 
 
 if __name__ == "__main__":

@@ -100,7 +100,7 @@ def s3_server(folder: Path, host: str = "127.0.0.1") -> Iterator[dict[str, str]]
     command: list[str | Path] = [
         program, "server", f"-dir={folder / 'data'}", f"-ip={host}", "-master.telemetry=false", "-filer",
         f"-filer.localSocket={folder / 'filer.sock'}", "-volume.max=8", "-master.volumeSizeLimitMB=64",
-        "-s3", f"-s3.port={port}", f"-s3.config={folder / 's3.json'}", "-s3.port.iceberg=0",
+        "-s3", f"-s3.port={port}", f"-s3.config={folder / 's3.json'}", "-s3.port.iceberg=0", "-s3.port.lance=0",
         *(f"-{name}={number}" for name, number in ports.items()),
     ]  # fmt: skip
     with (folder / "log").open("wb") as log:

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 BASE = ROOT / "docker-compose.yml"
 PUBLIC = ROOT / "docker" / "compose.public.yml"
 POSTGRES = ROOT / "docker" / "compose.postgres.yml"
+SCALE = ROOT / "docker-compose.scale.yml"
 OWN_SERVICES = ["api", "worker", "worker-gpu"]
 
 
@@ -38,14 +39,22 @@ def services() -> dict[str, Any]:
     return found
 
 
+@pytest.fixture(scope="module")
+def scaled() -> dict[str, Any]:
+    found = load(SCALE)["services"]
+    assert sorted(found) == sorted([*OWN_SERVICES, "database", "proxy", "storage"])
+    return found
+
+
 @pytest.mark.parametrize("name", OWN_SERVICES)
-def test_a_service_is_locked_down_and_bounded(services: dict[str, Any], name: str) -> None:
-    service = services[name]
+@pytest.mark.parametrize("path", [BASE, SCALE], ids=["one machine", "many"])
+def test_a_service_is_locked_down_and_bounded(path: Path, name: str) -> None:
+    service = load(path)["services"][name]
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]
     assert service["tmpfs"][0].startswith("/tmp:size=")
-    assert service["volumes"] == ["data:/data"]
+    assert service["volumes"] == (["data:/data"] if path == BASE else ["/data"])
     assert service["mem_limit"]
     assert service["pids_limit"]
     assert not {"privileged", "cap_add", "devices", "user"} & service.keys()
@@ -112,7 +121,7 @@ def test_a_container_gets_longer_than_the_service_needs_to_stop(services: dict[s
 
 def test_every_setting_named_exists() -> None:
     known = {f"PCDNF_{name.upper()}" for name in Settings.model_fields}
-    for path in (BASE, PUBLIC, POSTGRES, ROOT / "docker" / "Dockerfile"):
+    for path in (BASE, PUBLIC, POSTGRES, SCALE, ROOT / "docker" / "Dockerfile"):
         assert set(re.findall(r"PCDNF_[A-Z_]+", path.read_text())) <= known, path.name
 
 
@@ -130,10 +139,37 @@ def test_files_named_exist(services: dict[str, Any]) -> None:
 
 def test_every_variable_is_documented() -> None:
     page = (ROOT / "docs" / "containers.md").read_text()
-    for name in re.findall(r"\$\{([A-Z_]+)", BASE.read_text()):
+    for name in re.findall(r"\$\{([A-Z_]+):-", BASE.read_text() + SCALE.read_text()):
         assert f"`{name}`" in page
-    for path in (PUBLIC, POSTGRES):
+    for path in (PUBLIC, POSTGRES, SCALE):
         text = path.read_text()
         head = text[: text.index("services:")]
         for name in re.findall(r"\$\{([A-Z_]+):\?", text):
             assert f"#   {name} " in head, path.name
+
+
+def test_many_machines_share_a_database_and_a_bucket_alone(scaled: dict[str, Any]) -> None:
+    for name in OWN_SERVICES:
+        environment = scaled[name]["environment"]
+        assert environment["PCDNF_DATABASE_URL"].startswith("postgresql://")
+        assert environment["PCDNF_STORAGE_URL"] == "s3://pcdnf/jobs"
+        assert environment["AWS_ENDPOINT_URL"] == "http://storage:8333"
+        assert environment["PCDNF_WORKER_ID"] == ""  # each replica has a name of its own
+        assert set(scaled[name]["depends_on"]) == {"database", "storage"}
+        Settings(storage_url=environment["PCDNF_STORAGE_URL"])
+    assert "-bucket=pcdnf" in scaled["storage"]["command"]
+    assert scaled["storage"]["environment"]["AWS_ACCESS_KEY_ID"] == scaled["api"]["environment"]["AWS_ACCESS_KEY_ID"]
+
+
+def test_replicas_behind_one_port_of_this_machine(scaled: dict[str, Any]) -> None:
+    assert scaled["api"]["deploy"]["replicas"] == scaled["worker"]["deploy"]["replicas"] == 2
+    assert [name for name in scaled if "ports" in scaled[name]] == ["proxy"]
+    assert scaled["proxy"]["ports"] == ["127.0.0.1:${PUBLISHED_PORT:-8000}:8080"]
+    assert [name for name in scaled if "networks" not in scaled[name]] == ["proxy"]
+    for name in ("worker", "worker-gpu", "database", "storage"):
+        assert scaled[name]["networks"] == ["backend"]
+    assert load(SCALE)["networks"]["backend"]["internal"] is True
+    nginx = (ROOT / "docker" / "nginx.scale.conf").read_text()
+    assert "./docker/nginx.scale.conf:/etc/nginx/nginx.conf:ro" in scaled["proxy"]["volumes"]
+    assert "set $api http://api:8000;" in nginx
+    assert "listen 8080;" in nginx

@@ -90,6 +90,11 @@ class Board:
             warnings=[],
         )
 
+    def set(self, job_id: str, **values: Any) -> None:
+        """Set columns of a job, whatever its state."""
+        with self.engine.begin() as connection:
+            connection.execute(database.jobs.update().where(database.jobs.c.id == job_id).values(**values))
+
     def path(self, job: Job, name: str) -> Path:
         """Return where a file of a job lies."""
         return self.settings.data_dir / job_file(job.id, name)

@@ -14,7 +14,7 @@ from service.turns import Turns
 @pytest.mark.parametrize("ended", ["succeeded", "failed", "removed", "running"])
 def test_what_a_late_worker_left_goes(board: Board, ended: str) -> None:
     models: Any = None
-    pipeline.install(Runtime(board.settings, board.storage, board.attempts, models, Turns()))
+    pipeline.install(Runtime(board.settings, board.storage, board.engine, models, Turns()))
     job = board.submit()
     board.attempts.open(job.id)
     for name in ("tiles/0-0-1.npz", "result-1.ply", "result-2.ply", DISPLAY):

@@ -105,7 +105,7 @@ def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None
     for job in (kept, expired):
         board.attempts.open(job.id)
         board.attempts.succeed(job.id, {}, [])
-    board.attempts.update(expired.id, expires_at=1)
+    board.set(expired.id, expires_at=1)
     assert board.jobs.expired(board.now(expired))
     assert not board.jobs.expired(board.now(kept))
     assert not board.jobs.expired(live)
@@ -116,7 +116,7 @@ def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None
     assert board.engine_state(expired) is None
     assert board.now(expired).purged_at is not None
     assert {job.id for job in board.jobs.page("ada", limit=9)} == {kept.id, live.id}
-    board.attempts.update(expired.id, purged_at=1)
+    board.set(expired.id, purged_at=1)
     board.retention.purge()
     assert board.attempts.get(expired.id) is None
 

@@ -27,7 +27,7 @@ def _dies() -> None:
 def _runtime(board: Board) -> Runtime:
     """Return what a worker process that has just been started works with; no test here loads a model."""
     models: Any = None
-    return Runtime(board.settings, board.storage, board.attempts, models, Turns())
+    return Runtime(board.settings, board.storage, board.engine, models, Turns())
 
 
 def _open(board: Board, job: Job) -> Job:
@@ -99,10 +99,10 @@ def test_those_that_wait_are_at_rest_once_it_stops(board: Board, monkeypatch: py
     working, waiting = _open(board, board.submit()), _open(board, board.submit())
 
     def wait() -> None:
-        with runtime.working_on(waiting.id), runtime.at_work(waiting, _nothing, left=1):
+        with runtime.working_on(waiting.id, waiting.id, runtime.attempts), runtime.at_work(waiting, _nothing, left=1):
             pytest.fail("it began after the stop")
 
-    with runtime.working_on(working.id), runtime.at_work(working, _nothing, left=100):
+    with runtime.working_on(working.id, working.id, runtime.attempts), runtime.at_work(working, _nothing, left=100):
         threading.Thread(target=wait, daemon=True).start()  # for good, as in a process that ends
         runtime.stop()
         deadline = time.monotonic() + 5
