@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import sqlalchemy as sa
-from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from . import outcomes
@@ -38,7 +38,10 @@ def patient(method: F) -> F:
         while True:
             try:
                 return method(*arguments, **named)
-            except (OperationalError, InterfaceError, PoolTimeoutError) as error:
+            except (DBAPIError, PoolTimeoutError) as error:
+                away = isinstance(error, OperationalError | InterfaceError | PoolTimeoutError)
+                if not away and not (isinstance(error, DBAPIError) and error.connection_invalidated):
+                    raise
                 log.warning("the job database does not answer (%s); trying again", type(error).__name__)
                 time.sleep(RETRY_SECONDS)
 

@@ -19,6 +19,7 @@ from sqlalchemy.ext.compiler import compiles
 from .settings import Settings
 
 SQLITE_BUSY_MS = 30_000
+IDLE_SECONDS = 10.0  # after which PostgreSQL takes its locks from a process that froze in a transaction, or was cut off
 MIGRATION_LOCK, ADMISSION_LOCK = 7262733, 7262734  # of PostgreSQL, any two numbers
 
 metadata = sa.MetaData()
@@ -135,7 +136,14 @@ def create_engine(settings: Settings) -> sa.Engine:
     """Return the engine of the job database; nothing is created yet."""
     url = settings.resolved_database_url
     if not url.startswith("sqlite"):
-        return sa.create_engine(url, pool_size=10, max_overflow=0, pool_pre_ping=True, hide_parameters=True)
+        engine = sa.create_engine(url, pool_size=10, max_overflow=0, pool_pre_ping=True, hide_parameters=True)
+
+        @sa.event.listens_for(engine, "connect")
+        def bound(connection: Any, _record: object) -> None:
+            connection.execute(f"SET idle_in_transaction_session_timeout = {int(IDLE_SECONDS * 1000)}")
+            connection.commit()
+
+        return engine
     # One writer at a time, and it waits: BEGIN IMMEDIATE takes the lock before the first write, not in its middle.
     engine = sa.create_engine(
         url,

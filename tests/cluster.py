@@ -111,7 +111,7 @@ class Cluster:
         """Return how many tiles of a job a worker has finished."""
         return sum(f"job {job_id} iteration" in line and " tile " in line for line in self.log(name).splitlines())
 
-    def until(self, question: Callable[[], Any], what: object, seconds: float = 120.0) -> Any:
+    def until(self, question: Callable[[], Any], what: object, seconds: float = 240.0) -> Any:
         """Wait for a true answer and return it."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
@@ -126,7 +126,7 @@ class Cluster:
         assert response.status_code == 202, response.text
         return str(response.json()["id"])
 
-    def ended(self, client: httpx.Client, job_id: str, seconds: float = 120.0) -> dict[str, Any]:
+    def ended(self, client: httpx.Client, job_id: str, seconds: float = 240.0) -> dict[str, Any]:
         """Wait for the end of a job."""
 
         def look() -> dict[str, Any] | None:

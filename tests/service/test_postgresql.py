@@ -88,3 +88,21 @@ def test_submit_resume_cancel_remove(database_url: str, tmp_path: Path) -> None:
     assert service.client.delete(f"/jobs/{job}").status_code == 204
     assert service.client.get(f"/jobs/{job}").status_code == 404
     assert service.stop() == 0, service.output()
+
+
+def test_who_freezes_in_a_transaction_loses_its_locks(
+    database_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.database.IDLE_SECONDS", 0.5)
+    settings = Settings(data_dir=tmp_path, database_url=database_url)
+    with open_board(settings) as board:
+        job = board.submit()
+        frozen = database.create_engine(settings)
+        with frozen.connect() as connection:
+            connection.execute(sa.text("UPDATE pcdnf_jobs SET losses = 9"))
+            assert board.attempts.open(job.id) is not None  # waits for the lock
+            with pytest.raises(sa.exc.DBAPIError) as caught:
+                connection.execute(sa.text("SELECT 1"))
+            assert caught.value.connection_invalidated  # for which a worker tries again
+        assert board.now(job).losses == 0
+        frozen.dispose()
