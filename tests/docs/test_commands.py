@@ -16,6 +16,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from service_process import Service
 
 from pcdnf.cli import build_parser
 from pcdnf.formats import read, write
+from service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -128,6 +130,11 @@ def check(words: list[str]) -> None:
         build_parser(command=rest[0]).parse_args(rest)
     elif program.startswith("scripts/"):
         assert os.access(ROOT / program, os.X_OK), program
+    elif program == "export":
+        named = [word.partition("=")[0].removeprefix("PCDNF_").lower() for word in rest if word.startswith("PCDNF_")]
+        assert [name for name in named if name not in Settings.model_fields] == []
+    elif words[:2] == ["python", "-m"]:
+        assert find_spec(rest[1]) is not None, rest[1]
     elif program == "python":
         source = (ROOT / rest[0]).read_text()
         options = [word.partition("=")[0] for word in rest if word.startswith("--")]
