@@ -8,14 +8,14 @@ import pytest
 import torch
 
 from benchmarks import ablations
-from benchmarks.ablations import Variant, batches, evaluate, table, train, trained
+from benchmarks.ablations import Trainee, Variant, evaluate, table, train, trained
 from pcdnf import Denoiser
+from pcdnf.losses import Batch
 from pcdnf.network import PCDNF
 
 
 @pytest.fixture(autouse=True)
 def few_clouds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ablations, "POOL", 1)
     monkeypatch.setattr(ablations, "SHAPE_POINTS", 8000)
 
 
@@ -31,24 +31,30 @@ def test_variants_lack_what_the_paper_takes_out() -> None:
     assert (Variant("V3").losses.normal, Variant("V4").losses.point, Variant("V2").losses.normal) == (0, 0, 10)
 
 
-def test_all_variants_see_the_same_patches() -> None:
-    first, again = (list(batches(2, 8, 0)) for _ in range(2))
-    for one, two in zip(first, again, strict=True):
-        assert torch.equal(one.points, two.points)
-    assert not torch.equal(first[0].points, first[1].points)
-    assert not torch.equal(first[0].points, next(batches(1, 8, 1)).points)
+def test_variants_train_on_the_same_patches_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, list[torch.Tensor]] = {}
+    step = Trainee.step
 
+    def watched(trainee: Trainee, batch: Batch, rate: float) -> dict[str, torch.Tensor]:
+        seen.setdefault(trainee.variant.name, []).append(batch.points)
+        return step(trainee, batch, rate)
 
-def test_a_variant_is_trained_once_and_evaluated(tmp_path: Path) -> None:
-    path = tmp_path / "V4.safetensors"
-    assert not trained(path, steps=1, size=4, seed=0)
-    train(Variant("V4"), path, steps=1, size=4, seed=0)
-    assert trained(path, steps=1, size=4, seed=0)
-    assert not trained(path, steps=2, size=4, seed=0)
-    denoiser = Denoiser.load(path, device="cpu", precision="float32")
-    figures = evaluate(denoiser, 0, 1.0, 60)
-    assert figures == evaluate(denoiser, 0, 1.0, 60)
-    assert 0 < figures["denoised_p2s"] < figures["noisy_p2s"]  # the anchor's fit
+    monkeypatch.setattr(Trainee, "step", watched)
+    variants = [Variant("full"), Variant("V4")]
+    options = {"steps": 2, "batch": 4, "seed": 0}
+    paths = [tmp_path / f"{variant.name}.safetensors" for variant in variants]
+    assert not trained(paths[0], options)
+    train(variants, tmp_path, options, "cpu", 0)
+    assert all(torch.equal(*pair) for pair in zip(seen["full"], seen["V4"], strict=True))
+    assert not torch.equal(*seen["full"])
+    assert all(trained(path, options) for path in paths)
+    assert not trained(paths[0], options | {"steps": 3})
+
+    denoisers = [Denoiser.load(path, device="cpu", precision="float32") for path in paths]
+    figures = evaluate(denoisers, 0, 1.0, 60)
+    assert figures == evaluate(denoisers, 0, 1.0, 60)
+    assert figures[0]["noisy_p2s"] == figures[1]["noisy_p2s"]
+    assert all(0 < each["denoised_p2s"] < each["noisy_p2s"] for each in figures)  # the anchor's fit
 
 
 def test_the_table_stands_beside_the_papers() -> None:
