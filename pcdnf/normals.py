@@ -13,11 +13,15 @@ from .grid import CHOICE, BallGrid
 
 CHUNK = 16384
 """Points whose neighbour lists are held at once: bounds the memory at CHUNK x k x 16 bytes."""
+NEAREST = 24
+"""Neighbours of a normal whose scale nothing else decides."""
+FEW = 8
+"""Points that a ball must hold to have a normal of its own; fewer hardly span a plane."""
 
 
 def pca_normals(
     points: NDArray[np.floating],
-    k: int = 24,
+    k: int = NEAREST,
     *,
     tree: cKDTree | None = None,
     workers: int = -1,
@@ -47,9 +51,7 @@ def pca_normals(
     k = min(k, len(located))
     normals = np.empty(located.shape, np.float32)
     for own in _chunks(tree.indices, check):
-        _, index = tree.query(located[own], k, workers=workers)
-        index = np.asarray(index, np.int64).reshape(-1, k)
-        normals[own] = principal_axes(located, index)[:, 2]
+        normals[own] = _nearest_normals(located, own, k, tree, workers=workers)
     return normals
 
 
@@ -58,7 +60,7 @@ def ball_normals(
     radius: float,
     *,
     most: int = 64,
-    order: NDArray[np.int64] | None = None,
+    tree: cKDTree | None = None,
     check: Callable[[], None] | None = None,
 ) -> NDArray[np.float32]:
     """PCA normals of a random subset of each point's ball: of adaptive scale where the radius follows the noise.
@@ -70,22 +72,33 @@ def ball_normals(
         Of the balls, in the unit of the points.
     most : int
         Points a ball, at most.
-    order : ndarray, (N,) int64, optional
-        In which to work: where neighbours follow one another, most of what is read is in the caches.
+    tree : cKDTree, optional
+        Of these points, where the caller has one already.
     check : callable, optional
         See :func:`pca_normals`.
 
     Returns
     -------
     ndarray, (N, 3) float32
-        Unit normals without a consistent sign.
+        Unit normals without a consistent sign; of the nearest neighbours where a ball holds fewer than ``FEW``.
     """
     grid = BallGrid(points, radius, crowd=CHOICE * most)
+    tree = cKDTree(points) if tree is None else tree
     normals = np.empty(points.shape, np.float32)
-    for own in _chunks(np.arange(len(points)) if order is None else order, check):
+    for own in _chunks(tree.indices, check):  # neighbours follow one another there: they are in the caches
         index = np.concatenate([own[:, None], grid.subset(points[own], own, most - 1, seed=0)], 1)
         normals[own] = principal_axes(points, index)[:, 2]
+        lonely = own[(index >= 0).sum(1) < FEW]
+        if len(lonely):
+            normals[lonely] = _nearest_normals(points, lonely, min(NEAREST, len(points)), tree, workers=1)
     return normals
+
+
+def _nearest_normals(
+    points: NDArray[np.float64], rows: NDArray[np.int64], k: int, tree: cKDTree, *, workers: int
+) -> NDArray[np.float64]:
+    _, index = tree.query(points[rows], k, workers=workers)
+    return principal_axes(points, np.asarray(index, np.int64).reshape(-1, k))[:, 2]
 
 
 def _chunks(order: NDArray[np.int64], check: Callable[[], None] | None) -> Iterator[NDArray[np.int64]]:
@@ -127,7 +140,7 @@ def raw_normals(
 
     def estimated() -> NDArray[np.float32]:
         if reach:
-            return ball_normals(points, reach, order=tree.indices, check=check)
+            return ball_normals(points, reach, tree=tree, check=check)
         return pca_normals(points, tree=tree, check=check)
 
     if given is None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pcdnf.normals import CHUNK, pca_normals, raw_normals, unit_towards
+from pcdnf.normals import CHUNK, ball_normals, pca_normals, raw_normals, unit_towards
 
 
 def test_normals_of_a_sphere_are_radial() -> None:
@@ -52,3 +52,12 @@ def test_given_normals_are_used_and_missing_ones_filled_in() -> None:
 def test_normals_are_turned_to_a_side() -> None:
     turned = unit_towards(np.array([[0, 0, 2.0], [0, 0, -2.0]]), np.array([[0, 0.1, -1.0], [0, 0, -1.0]]))
     assert np.array_equal(turned, [[0, 0, -1.0], [0, 0, -1.0]])
+
+
+def test_points_without_neighbours_in_their_ball_take_the_nearest() -> None:
+    rng = np.random.default_rng(0)
+    floor = np.c_[rng.uniform(0, 1, (3000, 2)), np.zeros(3000)]
+    wall = np.c_[np.full(60, 3.0), rng.uniform(0, 1, 60), rng.uniform(0, 1, 60)]  # a fiftieth as dense
+    normals = ball_normals(np.r_[floor, wall], 0.08)
+    assert np.abs(normals[:3000, 2]).min() > 0.999
+    assert np.abs(normals[3000:, 0]).min() > 0.999
