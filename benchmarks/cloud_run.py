@@ -38,17 +38,17 @@ def noisy_surface(count: int) -> NDArray[np.float64]:
 def measured(points: int, *, model: str, precision: str, tiles: int) -> dict[str, Any]:
     """Run one pass and report on it."""
     began = now()
-    from pcdnf import Denoiser, denoiser, inference, patches, plan
+    from pcdnf import Denoiser, inference, patches, plan, preparation
     from pcdnf.formats import PointCloud, read, write
 
     imported = now() - began
     stages = Stages()
     stages.watch(plan, "estimate_scale", "noise and spacing")
     stages.watch(plan, "cKDTree", "tree")
-    stages.watch(denoiser, "cKDTree", "tree")
-    stages.watch(denoiser, "raw_normals", "normals")
-    stages.watch(denoiser, "spatial_order", "order along a curve")
-    stages.watch(denoiser, "PatchSource", "grid")
+    stages.watch(preparation, "cKDTree", "tree")
+    stages.watch(preparation, "raw_normals", "normals")
+    stages.watch(preparation, "spatial_order", "order along a curve")
+    stages.watch(preparation, "PatchSource", "grid")
     stages.watch(patches.PatchSource, "neighbours", "neighbours")
     stages.watch(patches, "local_patches", "gather and frames")
     stages.watch(inference.Inference, "network", "network")
