@@ -42,6 +42,7 @@ class Plan(_Shown):
     noise: float
     spacing: float
     radii: list[float]
+    neighbours: int | None = None
 
 
 class Execution(_Shown):
