@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -49,7 +50,10 @@ def test_at_a_tile_and_at_the_result(small_disk: Path, tmp_path: Path, path: Pat
     service.start()
     job = service.submit(path)["id"]
     until(lambda: list((service.data / "jobs" / job).glob(moment)))
+    worker = service.workers["worker-0"]
+    worker.send_signal(signal.SIGSTOP)  # or it might be done before the disk is full
     ballast = fill(small_disk)
+    worker.send_signal(signal.SIGCONT)
     until(lambda: "the disk is full" in service.output() or "disk is full" in service.output())
     assert service.job(job)["status"] == "running"  # it waits
     ballast.unlink()

@@ -66,7 +66,7 @@ def test_form_with_parameters_on_both_sides_of_the_file(api: httpx.Client, small
     assert response.status_code == 202
     assert response.json()["parameters"] == {
         "iterations": 2, "radius": "auto", "model": "pcdnf-lite", "seed": 7, "normals": "auto", "orient": False,
-        "outliers": "keep", "nonfinite": "reject",
+        "outliers": "keep", "nonfinite": "reject", "fast": False,
     }  # fmt: skip
     assert response.json()["upload"]["name"] == "a"
 
