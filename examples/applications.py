@@ -37,8 +37,8 @@ OCTREE_DEPTH = 7
 """Of the Poisson reconstruction: cells of 1/128 of the box."""
 SAMPLES = 60_000
 """Of a mesh, to measure it."""
-PAIRS = 3
-"""Pairs of scans that are registered."""
+SCANS = 3
+"""Scans whose figures are averaged, and pairs of scans that are registered, each with noise of its own."""
 OVERLAP = 0.7
 """Share of the surface that both scans of a pair see."""
 TURN, SHIFT = 8.0, 0.04
@@ -222,19 +222,20 @@ def run(denoise: Denoise, *, points: int, noise: float) -> dict[str, list[Outcom
         Per cent of the diagonal.
     """
     part = Part()
-    scan = part.sample(points, noise, seed=1)
-    after_points, after_normals = denoise(scan.points)
-    inputs = [(scan.points, scan.normals), (after_points, outward(after_normals, part.normals_near(scan.clean)))]
-    outcomes = {
-        "Poisson reconstruction": [reconstruction(part, *given) for given in inputs],
-        "RANSAC planes": [plane_fitting(part, scan, *given) for given in inputs],
-    }
+    rebuilt: list[list[Outcome]] = []
+    planes: list[list[Outcome]] = []
+    for seed in range(1, 1 + SCANS):
+        scan = part.sample(points, noise, seed)
+        after_points, after_normals = denoise(scan.points)
+        inputs = [(scan.points, scan.normals), (after_points, outward(after_normals, part.normals_near(scan.clean)))]
+        rebuilt.append([reconstruction(part, *given) for given in inputs])
+        planes.append([plane_fitting(part, scan, *given) for given in inputs])
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(np.radians(TURN) * np.array([3.0, 8, 5]) / np.sqrt(98)).as_matrix()
     pose[:3, 3] = SHIFT * np.array([2.0, -3, 1]) / np.sqrt(14)
     margin = (1 - OVERLAP) / 2
     pairs: list[list[Outcome]] = []
-    for pair in range(PAIRS):
+    for pair in range(SCANS):
         first = part.sample(points, noise, 2 * pair + 10, (0, 1 - margin))
         second = part.sample(points, noise, 2 * pair + 11, (margin, 1))
         given = [(first.points, first.normals), (second.points, second.normals)]
@@ -243,14 +244,19 @@ def run(denoise: Denoise, *, points: int, noise: float) -> dict[str, list[Outcom
             there, here = scans
             away = ((here[0] - pose[:3, 3]) @ pose[:3, :3], here[1] @ pose[:3, :3])
             pairs[-1].append(registration(there, away, pose))
-    outcomes["Registration"] = [
-        Outcome(
-            {key: float(np.mean([pair[which].figures[key] for pair in pairs])) for key in pairs[0][0].figures},
-            pairs[0][which].shown,
-        )
-        for which in (0, 1)
+    return {
+        "Poisson reconstruction": averaged(rebuilt),
+        "RANSAC planes": averaged(planes),
+        "Registration": averaged(pairs),
+    }
+
+
+def averaged(outcomes: list[list[Outcome]]) -> list[Outcome]:
+    """Mean figures before and after over the scans; the first scan is the one that is shown."""
+    return [
+        Outcome({key: float(np.mean([scan[which].figures[key] for scan in outcomes])) for key in first.figures}, first.shown)
+        for which, first in enumerate(outcomes[0])
     ]
-    return outcomes
 
 
 def table(outcomes: dict[str, list[Outcome]]) -> str:

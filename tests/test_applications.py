@@ -16,12 +16,12 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 @pytest.fixture
 def applications(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The example, with one pair of scans."""
+    """The example, with fewer scans."""
     pytest.importorskip("open3d")
     monkeypatch.syspath_prepend(str(EXAMPLES))
     import applications
 
-    monkeypatch.setattr(applications, "PAIRS", 1)
+    monkeypatch.setattr(applications, "SCANS", 2)
     monkeypatch.setattr(applications, "SAMPLES", 8000)
     return applications
 
