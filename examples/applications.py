@@ -253,10 +253,11 @@ def run(denoise: Denoise, *, points: int, noise: float) -> dict[str, list[Outcom
 
 def averaged(outcomes: list[list[Outcome]]) -> list[Outcome]:
     """Mean figures before and after over the scans; the first scan is the one that is shown."""
-    return [
-        Outcome({key: float(np.mean([scan[which].figures[key] for scan in outcomes])) for key in first.figures}, first.shown)
-        for which, first in enumerate(outcomes[0])
-    ]
+    means = []
+    for which, first in enumerate(outcomes[0]):
+        figures = {key: float(np.mean([scan[which].figures[key] for scan in outcomes])) for key in first.figures}
+        means.append(Outcome(figures, first.shown))
+    return means
 
 
 def table(outcomes: dict[str, list[Outcome]]) -> str:

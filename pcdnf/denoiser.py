@@ -117,7 +117,7 @@ class Denoiser:
 
     @property
     def batch(self) -> int:
-        """Patches a batch; halve it where a device runs out of memory."""
+        """Patches a batch; halved when the device runs out of memory."""
         return self.inference.batch
 
     @batch.setter
@@ -229,6 +229,8 @@ class Denoiser:
 
         Raises
         ------
+        DeviceError
+            Out of memory with the smallest batch.
         Stopped
         """
         return self.inference.denoise(
@@ -281,6 +283,8 @@ class Denoiser:
             See :meth:`prepare`.
         ChoiceError
             See :mod:`pcdnf.choices`.
+        DeviceError
+            Out of memory with the smallest batch.
         Stopped
             ``should_stop`` returned True.
         """

@@ -6,7 +6,8 @@ with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import logging
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from .cloud import TileResult
+from .device import DeviceError
 from .device_patches import DevicePatches, DevicePatchSource
 from .folded import fold
 from .folded_lite import FoldedLite
@@ -23,9 +25,13 @@ from .network import PCDNF, NetworkOutput
 from .normals import unit_towards
 from .patches import Patches, PatchSource
 
+log = logging.getLogger(__name__)
+
 BATCH = {"pcdnf": 32, "lite": 512}
 """Patches a batch on the CPU: chunks of them for some threads."""
 CUDA_BATCH = {"pcdnf": 512, "lite": 8192}
+SMALLEST_BATCH = 8
+"""Less is not tried where a device runs out of memory."""
 FEWEST_NEIGHBOURS = 6
 """A point with fewer neighbours inside the patch is returned as it came, flagged: a quadric has six terms."""
 LONGEST_STEP = 1.0
@@ -94,7 +100,7 @@ class Inference:
         progress: Callable[[int], None] | None = None,
         should_stop: ShouldStop | None = None,
     ) -> TileResult:
-        """Denoise some points of a cloud.
+        """Denoise some points of a cloud; where the device runs out of memory, go on with half the batch.
 
         Parameters
         ----------
@@ -113,17 +119,25 @@ class Inference:
 
         Raises
         ------
+        DeviceError
+            ``out_of_memory``, when the smallest batch does not fit either.
         Stopped
         """
-        parts = []
-        batch = self.batch  # somebody else may halve it meanwhile
-        for low, patches in self._batches(source, centres, batch):
+        parts: list[list[Tensor]] = []
+        done = 0
+        while done < len(centres):
             if should_stop is not None and should_stop():
                 raise Stopped
-            high = min(low + batch, len(centres))
-            parts.append([each[: high - low] for each in self._work(patches)])
+            chosen = centres[done : done + self.batch]
+            filled = np.concatenate([chosen, np.full(self.batch - len(chosen), chosen[0])])
+            try:
+                parts.append([each[: len(chosen)] for each in self._work(source.take(filled))])
+            except torch.OutOfMemoryError as error:
+                self._halve_batch(error)
+                continue
+            done += len(chosen)
             if progress is not None:
-                progress(high)
+                progress(done)
         move, normal, neighbours = (torch.cat(each).cpu().numpy() for each in zip(*parts, strict=True))
         before = raw[centres]
         lost = (neighbours <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
@@ -142,11 +156,13 @@ class Inference:
         move, normal = ((each.double()[..., None] * turn).sum(1) for each in (output.displacement, output.normal))
         return move, normal, (index >= 0).sum(1)
 
-    def _batches(
-        self, source: PatchSource | DevicePatchSource, centres: NDArray[np.int64], batch: int
-    ) -> Iterator[tuple[int, Patches | DevicePatches]]:
-        """Batches of one shape; the last is filled up with its own first centre."""
-        for low in range(0, len(centres), batch):
-            chosen = centres[low : low + batch]
-            filled = np.concatenate([chosen, np.full(batch - len(chosen), chosen[0])])
-            yield low, source.take(filled)
+    def _halve_batch(self, error: torch.OutOfMemoryError) -> None:
+        if self.batch <= SMALLEST_BATCH:
+            raise DeviceError(
+                f"The device ran out of memory with {self.batch} neighbourhoods a batch.",
+                code="out_of_memory",
+                hint="Take the lighter model, or a device with more memory.",
+            ) from error
+        torch.cuda.empty_cache()
+        self.batch //= 2
+        log.warning("device out of memory: now %d neighbourhoods a batch", self.batch)

@@ -1,16 +1,15 @@
-"""The worker's models: loaded on first use, on one device; what a GPU without memory does to a tile."""
+"""The worker's models: loaded on first use, on one device."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import torch
 
 import pcdnf
-from pcdnf.denoiser import Cloud, Denoiser, ShouldStop, TileResult
+from pcdnf.denoiser import Denoiser
 from pcdnf.errors import PcdnfError
 
 from .settings import Settings
@@ -18,7 +17,6 @@ from .settings import Settings
 log = logging.getLogger(__name__)
 
 MODELS_KEPT = 2
-SMALLEST_BATCH = 8
 
 
 class Models:
@@ -82,34 +80,3 @@ class Models:
             "precision": denoiser.precision,
             "version": pcdnf.__version__,
         }
-
-
-def denoise_tile(
-    denoiser: Denoiser,
-    cloud: Cloud,
-    start: int,
-    stop: int,
-    *,
-    progress: Callable[[int], None],
-    should_stop: ShouldStop,
-) -> TileResult:
-    """Denoise a tile; a GPU out of memory is tried again with half the batch.
-
-    Raises
-    ------
-    PcdnfError
-        ``out_of_memory``, when the smallest batch does not fit either.
-    """
-    while True:
-        try:
-            return denoiser.denoise_tile(cloud, start, stop, progress=progress, should_stop=should_stop)
-        except torch.OutOfMemoryError as error:
-            if denoiser.batch <= SMALLEST_BATCH:
-                raise PcdnfError(
-                    f"The device ran out of memory with {denoiser.batch} neighbourhoods a batch.",
-                    code="out_of_memory",
-                    hint="Ask for a smaller model, or run the service on a larger device.",
-                ) from error
-        torch.cuda.empty_cache()
-        denoiser.batch //= 2
-        log.warning("device out of memory: now %d neighbourhoods a batch", denoiser.batch)

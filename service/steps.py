@@ -26,7 +26,6 @@ from . import tracing
 from .display import colours, write_display
 from .engine import GIVEN_UP
 from .job import Job
-from .models import denoise_tile
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime
 from .shares import Part, cut
@@ -143,7 +142,7 @@ def denoise_one(runtime: Runtime, job: Job, now: Pass, start: int, stop: int, sh
     with runtime.at_work(job, Progress(runtime, job, done).check, left=left) as give_way, tracing.span("tile"):
         progress = Progress(runtime, job, done, give_way)
         began = time.monotonic()
-        tile = denoise_tile(work.denoiser, work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
+        tile = work.denoiser.denoise_tile(work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
         seconds = time.monotonic() - began - progress.lent
         runtime.measured(form(job), stop - start, seconds)
         runtime.measures.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)

@@ -13,6 +13,7 @@ from .problems import Problem
 
 DRAIN = "drain"
 RETRY_SECONDS = 60
+_TURN_ON = sa.text("INSERT INTO pcdnf_switches (name, since) VALUES (:name, :since) ON CONFLICT (name) DO NOTHING")
 
 
 def is_on(connection: sa.Connection, name: str) -> bool:
@@ -22,10 +23,11 @@ def is_on(connection: sa.Connection, name: str) -> bool:
 
 def turn(connection: sa.Connection, name: str, *, on: bool) -> None:
     """Turn a switch; one that is so already stays so."""
-    if not on:
+    if on:
+        since = connection.execute(sa.select(now_ms())).scalar_one()
+        connection.execute(_TURN_ON, {"name": name, "since": since})
+    else:
         connection.execute(table.delete().where(table.c.name == name))
-    elif not is_on(connection, name):
-        connection.execute(table.insert().values(name=name, since=now_ms()))
 
 
 def check_open(connection: sa.Connection) -> None:

@@ -133,6 +133,9 @@ def main() -> None:
     database.migrate(settings)
     engine = database.create_engine(settings)
     workers = Workers(engine)
+    shared = not settings.resolved_database_url.startswith("sqlite")  # else the lock says it all
+    if shared and workers.beats_elsewhere(settings.executor_id, settings.heartbeat_seconds):
+        refuse(f"A worker named {settings.executor_id} is running on another machine. Set PCDNF_WORKER_ID.")
     heart = Heart(workers, settings)
     heart.start()
     status = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,6 +56,24 @@ class Workers:
             known = connection.execute(table.update().where(table.c.id == worker_id).values(values)).rowcount
             if not known:
                 connection.execute(table.insert().values(id=worker_id, **values))
+
+    def beats_elsewhere(self, worker_id: str, heartbeat_seconds: float) -> bool:
+        """Return whether another process beats under the name `worker_id`.
+
+        Answers at once where the last sign of life is old or there is none; else listens for a further one.
+        """
+        listen = 2 * heartbeat_seconds
+        first = self._last_beat(worker_id, listen)
+        if first is None:
+            return False
+        time.sleep(listen)
+        return self._last_beat(worker_id, listen) not in (first, None)
+
+    def _last_beat(self, worker_id: str, within_seconds: float) -> int | None:
+        since = now_ms() - int(within_seconds * 1000)
+        query = sa.select(table.c.beat_at).where(table.c.id == worker_id, table.c.beat_at > since)
+        with self._engine.connect() as connection:
+            return connection.execute(query).scalar()
 
     def leave(self, worker_id: str) -> None:
         """Record that `worker_id` has stopped."""

@@ -15,6 +15,8 @@ from typing import Any
 import httpx
 from servers import free_port
 
+from service.process import EX_CONFIG
+
 QUICK = {
     "tile_points": 256,
     "poll_seconds": 0.1,
@@ -78,6 +80,12 @@ class Cluster:
         before = self.log(name).count(ready)
         self._start(name, "service.worker", PCDNF_WORKER_ID=name)
         self.until(lambda: self.log(name).count(ready) > before, name)
+
+    def refused(self, name: str, *, as_worker: str) -> str:
+        """Start a worker under the name of another and return the last line it ends with for good."""
+        self._start(name, "service.worker", PCDNF_WORKER_ID=as_worker)
+        assert self.processes.pop(name).wait(60) == EX_CONFIG
+        return self.log(name).splitlines()[-1]
 
     def _start(self, name: str, module: str, **environment: str) -> None:
         environment["PCDNF_DATA_DIR"] = str(self.folder / name)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Board, MakeApi
+from board import Board, MakeApi
 
 from service.admission import Load
 from service.job import Job

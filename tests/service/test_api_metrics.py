@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from conftest import Board
+from board import Board
 from prometheus_client.parser import text_string_to_metric_families
 from service_process import Served, Service
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from conftest import Board
+from board import Board
 
 from service.attempts import MAX_LOSSES
 

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 
 from service.auth import Keys
 from service.settings import SettingsError

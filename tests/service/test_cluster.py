@@ -139,3 +139,27 @@ def test_workers_stop_in_good_order(cluster: Cluster, api: httpx.Client, cloud: 
     assert cluster.ended(api, job)["status"] == "succeeded"
     assert api.get(f"/jobs/{job}/result").content == alone
     assert cluster.stop("second") == 0
+
+
+def test_a_shared_folder_does_as_well_as_a_bucket(cloud: Path, alone: bytes, tmp_path: Path) -> None:
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    with (
+        postgresql() as url,
+        Cluster(tmp_path, {"PCDNF_DATABASE_URL": url, "PCDNF_STORAGE_URL": folder.as_uri()}) as cluster,
+    ):
+        cluster.worker("first")
+        cluster.worker("second")
+        api = cluster.api()
+        job = cluster.submit(api, cloud, iterations=ITERATIONS)
+        told = cluster.ended(api, job)
+        assert told["status"] == "succeeded", told["problem"]
+        share = _workers(cluster, job)
+        assert sum(share.values()) == ITERATIONS * 20
+        assert min(share.values()) >= 4
+        assert api.get(f"/jobs/{job}/result").content == alone
+        assert api.delete(f"/jobs/{job}").status_code in (200, 204)
+        assert [path for path in folder.rglob("*") if path.is_file()] == []
+        assert cluster.refused("twin", as_worker="first") == (
+            "pcdnf: A worker named first is running on another machine. Set PCDNF_WORKER_ID."
+        )

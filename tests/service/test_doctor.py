@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
-from conftest import Board
+from board import Board
 from service_process import Service
 
 from service import switches

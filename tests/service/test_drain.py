@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import Board
+from board import Board
 from service_process import Service, write_sphere
 
 from service.drain import drain

@@ -11,7 +11,7 @@ from typing import Any
 
 import httpx
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 from service_process import Served, Service, write_sphere
 
 from service import events

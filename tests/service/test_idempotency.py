@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 import sqlalchemy as sa
-from conftest import Board, MakeApi
+from board import Board, MakeApi
 from service_process import write_sphere
 from starlette.requests import Request
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 from service_process import sphere
 
 from pcdnf.denoiser import Denoiser

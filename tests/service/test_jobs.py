@@ -4,7 +4,7 @@ import threading
 
 import pytest
 import sqlalchemy as sa
-from conftest import Board
+from board import Board
 
 from service.database import jobs as table
 from service.job import new_id

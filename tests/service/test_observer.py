@@ -7,7 +7,7 @@ from typing import Any
 
 import httpx
 import pytest
-from conftest import Board
+from board import Board
 from service_process import Served
 from sqlalchemy.exc import IntegrityError
 

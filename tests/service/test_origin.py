@@ -4,7 +4,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 
 
 def _post(api: httpx.Client, small: Path, **headers: str) -> httpx.Response:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import threading
 
-from conftest import Board
+from board import Board
 
 from service import outcomes
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from conftest import Board
+from board import Board
 
 
 def _beat(board: Board, name: str = "w", speed: float = 50.0) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from conftest import Board
+from board import Board
 
 from service import pipeline
 from service.runtime import Runtime

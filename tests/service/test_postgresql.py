@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
-from conftest import open_board
+from board import open_board
 from servers import postgresql
 from service_process import Service, write_sphere
 from test_admission import submit_at_once
 
-from service import database
+from service import database, switches
 from service.drain import drain
 from service.idempotency import Claims
 from service.measures import Measures
@@ -106,3 +107,16 @@ def test_who_freezes_in_a_transaction_loses_its_locks(
             assert caught.value.connection_invalidated  # for which a worker tries again
         assert board.now(job).losses == 0
         frozen.dispose()
+
+
+def test_two_who_drain_at_once_agree(database_url: str, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=database_url)
+    with open_board(settings) as board, ThreadPoolExecutor() as pool:
+        with board.engine.begin() as connection:
+            switches.turn(connection, switches.DRAIN, on=True)
+            other = pool.submit(drain, settings, on=True, wait=False)
+            with pytest.raises(TimeoutError):
+                other.result(5)  # it waits for this transaction
+        other.result(30)
+        with board.engine.connect() as connection:
+            assert switches.is_on(connection, switches.DRAIN)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 from service_process import Service
 from starlette.requests import Request
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 
 from service.problems import Problem
 from service.rates import Rates

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Board, MakeApi
+from board import Board, MakeApi
 from service_process import Service
 
 from service.job import Job

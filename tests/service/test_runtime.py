@@ -5,7 +5,7 @@ import time
 from typing import Any
 
 import pytest
-from conftest import Board
+from board import Board
 
 from service.job import Job
 from service.runtime import SPEED_WEIGHT, Runtime

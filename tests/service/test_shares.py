@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 import sqlalchemy as sa
-from conftest import Board
+from board import Board
 
 from service.attempts import MAX_LOSSES
 from service.database import shares as table

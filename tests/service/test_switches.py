@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Board
+from board import Board
 from service_process import Served
 
 from service import switches

@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
-from conftest import MakeApi
+from board import MakeApi
 from service_process import Served
 
 from service.uploads import clean_name

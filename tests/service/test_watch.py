@@ -5,7 +5,7 @@ import threading
 import time
 
 import pytest
-from conftest import Board
+from board import Board
 from sqlalchemy.exc import OperationalError
 
 from service.outlook import Outlook

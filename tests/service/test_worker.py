@@ -10,12 +10,10 @@ from pathlib import Path
 import pytest
 import torch
 from dbos import DBOS
-from service_process import sphere
 
 from pcdnf.checkpoint import WEIGHTS
-from pcdnf.denoiser import Denoiser, TileResult
 from pcdnf.errors import PcdnfError
-from service.models import MODELS_KEPT, SMALLEST_BATCH, Models, denoise_tile
+from service.models import MODELS_KEPT, Models
 from service.process import EX_CONFIG
 from service.settings import Settings
 from service.worker import SlotTaken, limit_threads, take_slot
@@ -96,40 +94,3 @@ def test_a_worker_listens_nowhere_and_needs_no_key(tmp_path: Path) -> None:
     assert ended.returncode == EX_CONFIG
     assert "no model" in ended.stderr
     assert "PCDNF_API_KEY" not in ended.stderr
-
-
-class _Small:
-    """A device that holds batches of 16 at most."""
-
-    def __init__(self, holds: int) -> None:
-        self.batch, self.holds, self.tried = 64, holds, list[int]()
-
-    def denoise_tile(self, *_: object, **__: object) -> str:
-        self.tried.append(self.batch)
-        if self.batch > self.holds:
-            raise torch.OutOfMemoryError
-        return "tile"
-
-
-def _denoise(device: _Small) -> TileResult:
-    return denoise_tile(device, None, 0, 1, progress=lambda _: None, should_stop=lambda: False)  # type: ignore[arg-type]
-
-
-def test_out_of_device_memory_halves_the_batch() -> None:
-    device = _Small(holds=16)
-    assert _denoise(device) == "tile"  # type: ignore[comparison-overlap]
-    assert device.tried == [64, 32, 16]
-    device = _Small(holds=0)
-    with pytest.raises(PcdnfError) as caught:
-        _denoise(device)
-    assert caught.value.code == "out_of_memory"
-    assert device.tried[-1] == SMALLEST_BATCH
-
-
-def test_the_batch_does_not_change_the_result() -> None:
-    denoiser = Denoiser.load("pcdnf-lite", device="cpu")
-    points = sphere(600)
-    first = denoiser.denoise(points)
-    denoiser.batch //= 8
-    second = denoiser.denoise(points)
-    assert abs(first.points - second.points).max() < 1e-6

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import threading
+
 import sqlalchemy as sa
-from conftest import Board
+from board import Board
 
 from service.database import workers as table
 
@@ -29,3 +31,22 @@ def test_silence(board: Board) -> None:
     board.workers.forget(10)
     with board.engine.connect() as connection:
         assert connection.execute(sa.select(table)).all() == []
+
+
+def test_another_under_the_same_name(board: Board) -> None:
+    def listen() -> bool:
+        return board.workers.beats_elsewhere("a", 0.3)
+
+    def beat() -> None:
+        board.workers.beat("a", pid=1, state="ready", details={})
+
+    assert not listen()
+    beat()
+    assert not listen()  # it died: no second beat
+    beat()
+    later = threading.Timer(0.3, beat)
+    later.start()
+    assert listen()
+    later.join()
+    board.workers.leave("a")
+    assert not listen()

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pcdnf import Denoiser
+from pcdnf.device import DeviceError
+from pcdnf.inference import SMALLEST_BATCH, Inference
+
+
+def sheet(count: int) -> np.ndarray:
+    """A wavy sheet with noise."""
+    place = np.random.default_rng(0).uniform(size=(count, 2))
+    height = 0.1 * np.sin(5 * place[:, :1]) + 0.01 * np.random.default_rng(1).normal(size=(count, 1))
+    return np.concatenate([place, height], axis=1)
+
+
+@pytest.fixture
+def tried(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The batches that were tried, on a device that ``holds`` so many patches."""
+    seen: dict[str, Any] = {"holds": 10**9, "batches": []}
+    network = Inference.network
+
+    def small(self: Inference, points: torch.Tensor, normals: torch.Tensor) -> Any:
+        seen["batches"].append(len(points))
+        if len(points) > seen["holds"]:
+            raise torch.OutOfMemoryError("injected")
+        return network(self, points, normals)
+
+    monkeypatch.setattr(Inference, "network", small)
+    return seen
+
+
+def test_out_of_device_memory_halves_the_batch_and_loses_nothing(tried: dict[str, Any]) -> None:
+    points = sheet(700)
+    expected = Denoiser.load("pcdnf-lite", device="cpu").denoise(points, iterations=1)
+    tried["holds"], tried["batches"] = 100, []
+    denoiser, told = Denoiser.load("pcdnf-lite", device="cpu"), list[int]()
+    found = denoiser.denoise(points, iterations=1, progress=lambda done, _: told.append(done))
+    assert tried["batches"] == [512, 256, 128] + 11 * [64]
+    assert denoiser.batch == 64
+    assert told == [*range(64, 700, 64), 700]
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-6)
+
+
+def test_a_device_too_small_for_any_batch(tried: dict[str, Any]) -> None:
+    tried["holds"] = 0
+    with pytest.raises(DeviceError) as caught:
+        Denoiser.load("pcdnf-lite", device="cpu").denoise(sheet(300))
+    assert caught.value.code == "out_of_memory"
+    assert caught.value.hint
+    assert tried["batches"][-1] == SMALLEST_BATCH
