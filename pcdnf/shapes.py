@@ -19,6 +19,8 @@ from skimage import measure
 
 ROUND = 160
 """Segments of a full circle: facets of a rounded primitive meet at 2.25 degrees."""
+PLATE = 6
+"""Number of the thin one among the primitives."""
 LEVEL = 0.35
 """Level of the implicit function at the surface."""
 
@@ -31,10 +33,10 @@ class CleanCloud:
     normals: NDArray[np.float64]
 
 
-def random_shape(rng: Generator, count: int) -> CleanCloud:
-    """Sample ``count`` points of a random shape, area-uniform, with exact normals."""
+def random_shape(rng: Generator, count: int, *, thin: bool = False) -> CleanCloud:
+    """Sample ``count`` points of a random shape, ``thin``: of one of plates, area-uniform, with exact normals."""
     for _ in range(50):
-        cloud = (_solid if rng.random() < 0.5 else _level_set)(rng, count)
+        cloud = _solid(rng, count, thin) if thin or rng.random() < 0.5 else _level_set(rng, count)
         if cloud is not None and np.isfinite(cloud.normals).all():
             break
     else:
@@ -56,9 +58,9 @@ def _polygon(rng: Generator, corners: int, low: float, high: float) -> manifold3
     return manifold3d.CrossSection([outline], manifold3d.FillRule.Positive)
 
 
-def _primitive(rng: Generator) -> manifold3d.Manifold:
+def _primitive(rng: Generator, thin: bool) -> manifold3d.Manifold:
     solid = manifold3d.Manifold
-    kind = rng.integers(7)
+    kind = PLATE if thin else rng.integers(1 + PLATE)
     if kind == 0:
         return solid.cube(tuple(rng.uniform(0.25, 1.1, 3)), True)
     if kind == 1:
@@ -85,13 +87,13 @@ def _primitive(rng: Generator) -> manifold3d.Manifold:
     return solid.cube(tuple(plate), True)
 
 
-def _solid(rng: Generator, count: int) -> CleanCloud | None:
-    solid = _primitive(rng)
+def _solid(rng: Generator, count: int, thin: bool) -> CleanCloud | None:
+    solid = _primitive(rng, thin)
     for _ in range(rng.integers(1, 8)):
         pose = np.zeros((3, 4))
         pose[:, :3] = _rotation(rng) if rng.random() < 0.5 else np.eye(3)
         pose[:, 3] = rng.uniform(-0.5, 0.5, 3)
-        part, choice = _primitive(rng).transform(pose), rng.random()
+        part, choice = _primitive(rng, thin).transform(pose), rng.random()
         result = solid + part if choice < 0.45 else solid - part if choice < 0.9 else solid ^ part
         if not result.is_empty() and result.volume() > 0.02:
             solid = result

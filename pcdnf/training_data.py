@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .losses import Batch, Surface
+from .mix import Mix
 from .normals import ball_normals, pca_normals
 from .patches import PatchSource, Recipe
 from .scale import Scale, clean_spacing, normals_reach
@@ -29,9 +30,8 @@ CROP_POINTS = 12_000
 """Points a first pass may take; a crop with more is left as it is, for the sake of time."""
 RADIUS_SPREAD = 0.35
 """Standard deviation of the logarithm of a cloud's patch radius around the recipe's own choice."""
-DIRT = 0.12
-"""Share of the clouds with impulsive outliers."""
 
+MIX = Mix()
 FirstPass = Callable[
     [NDArray[np.float64], NDArray[np.float32], Recipe, NDArray[np.int64], int],
     tuple[NDArray[np.float64], NDArray[np.float32]],
@@ -42,13 +42,12 @@ FirstPass = Callable[
 class TrainingCloud:
     """A clean cloud, its noisy version and what is needed to cut patches from it."""
 
-    def __init__(self, rng: Generator, recipe: Recipe, first_pass: FirstPass | None) -> None:
-        count = int(rng.uniform(50_000, 120_000) if rng.random() < 0.6 else np.exp(rng.uniform(*np.log([6e3, 2e5]))))
-        shape = random_shape(rng, count)
-        keep = _kept(rng, shape.points)
+    def __init__(self, rng: Generator, recipe: Recipe, first_pass: FirstPass | None, mix: Mix = MIX) -> None:
+        shape = random_shape(rng, mix.count(rng), thin=mix.thin)
+        keep = mix.kept(rng, shape.points)
         clean, clean_normals = shape.points[keep], shape.normals[keep]
         self._clean_tree = cKDTree(clean)
-        noise, level = _noise(rng, clean)
+        noise, level = mix.noise(rng, clean)
         noisy = clean + noise
         normals_radius = 0.0
         later = recipe
@@ -105,42 +104,6 @@ class TrainingCloud:
             local = (self.clean[index] - at[:, None]).astype(np.float32) / np.float32(self._source.radius)
             result += [local @ turn, self.clean_normals[index] @ turn]
         return result
-
-
-def _kept(rng: Generator, points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Rows that a scan of uneven sampling, or with holes, would hold; most clouds stay whole."""
-    keep = np.ones(len(points), bool)
-    if rng.random() < 0.15:  # density falls along a random direction
-        position = points @ rng.normal(size=3)
-        keep &= rng.random(len(points)) < np.clip((position - position.min()) / np.ptp(position), 0.15, 1)
-    if rng.random() < 0.15:
-        for middle in points[rng.integers(len(points), size=rng.integers(1, 12))]:
-            keep &= ((points - middle) ** 2).sum(1) > rng.uniform(0.01, 0.06) ** 2
-    rows = np.flatnonzero(keep)
-    return rows if len(rows) > 2000 else np.arange(len(points))
-
-
-def _noise(rng: Generator, clean: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Noise (N, 3) of a random kind, and its level: 0 to 3 % of the diagonal (1), a standard deviation a coordinate."""
-    level = rng.uniform(0, 0.002) if rng.random() < 0.1 else np.exp(rng.uniform(*np.log([0.002, 0.03])))
-    kind, shape = rng.random(), clean.shape
-    if kind < 0.7:
-        noise = rng.normal(size=shape)
-    elif kind < 0.77:
-        noise = rng.laplace(scale=np.sqrt(0.5), size=shape)
-    elif kind < 0.84:
-        noise = rng.uniform(-np.sqrt(3), np.sqrt(3), size=shape)
-    elif kind < 0.91:
-        noise = rng.normal(size=shape) * rng.uniform(0.2, 1.5, 3)
-    else:  # a scanner: along the ray, in steps
-        ray = clean - 2 * rng.normal(size=3)
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        depth, step = rng.normal(size=(len(clean), 1)), rng.uniform(0.05, 1.5)
-        noise = np.round(depth / step) * step * ray + 0.1 * rng.normal(size=shape)
-    if rng.random() < DIRT:
-        wild = rng.random(len(clean)) < rng.uniform(0.005, 0.06)
-        noise[wild] *= rng.uniform(2, 6, (int(wild.sum()), 1))
-    return level * noise, float(level)
 
 
 def _spins(rng: Generator, count: int) -> NDArray[np.float64]:

@@ -34,5 +34,17 @@ def test_a_seed_is_a_shape() -> None:
 def test_an_empty_solid_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = shapes._primitive
     made = iter(["empty"] * 9)
-    monkeypatch.setattr(shapes, "_primitive", lambda rng: manifold3d.Manifold() if next(made, None) else whole(rng))
+    monkeypatch.setattr(
+        shapes, "_primitive", lambda rng, thin: manifold3d.Manifold() if next(made, None) else whole(rng, thin)
+    )
     assert random_shape(np.random.default_rng(3), 1000).points.shape == (1000, 3)
+
+
+def test_thin_shapes_are_of_plates() -> None:
+    rng = np.random.default_rng(4)
+    opposite = []
+    for _ in range(4):
+        shape = random_shape(rng, 4000, thin=True)
+        inside = shape.points - 0.05 * shape.normals  # through a plate, which is thinner, to its other side
+        opposite.append(np.median(cKDTree(shape.points).query(inside)[0]))
+    assert np.median(opposite) < 0.04

@@ -13,7 +13,7 @@ from pcdnf.losses import Batch, joint_loss
 from pcdnf.models import DEFAULTS
 from pcdnf.patches import Recipe
 from pcdnf.training import Options, Trainer, learning_rate
-from pcdnf.training_data import TrainingCloud, _kept, _noise, sample_batch
+from pcdnf.training_data import TrainingCloud, sample_batch
 from pcdnf.training_stream import first_pass
 from pcdnf.validation import validate
 
@@ -144,17 +144,3 @@ def test_batches_of_the_light_network_vary_in_neighbours(batch: Batch, tmp_path:
     assert torch.equal(narrowed.points[:, 0], batch.points[:, 0])
     own = (narrowed.points[:, :, None] - batch.points[:, None]).abs().sum(-1).min(2).values
     assert own.max() == 0
-
-
-def test_noise_and_holes_are_of_many_kinds() -> None:
-    clean = np.random.default_rng(0).uniform(-0.5, 0.5, (20_000, 3))
-    levels, tails, sizes = [], [], []
-    for seed in range(60):
-        noise, level = _noise(np.random.default_rng(seed), clean)
-        levels.append(level)
-        tails.append(float(np.abs(noise).max() / level))
-        sizes.append(len(_kept(np.random.default_rng(seed), clean)))
-    assert 0 <= min(levels) < 0.002
-    assert 0.02 < max(levels) <= 0.03
-    assert min(tails) < 3 < 10 < max(tails)  # uniform noise, and outliers
-    assert min(sizes) < 0.9 * max(sizes) == 0.9 * len(clean)
