@@ -7,6 +7,7 @@ loops inside every operation, each of hundreds of operations a batch waits for w
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -19,7 +20,8 @@ from .neighbors import share_threads
 Result = TypeVar("Result")
 
 _pools: dict[int, ThreadPoolExecutor] = {}
-os.register_at_fork(after_in_child=_pools.clear)
+_lock = threading.Lock()
+os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=lambda: _forget())
 
 
 def in_parallel(work: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) -> list[Result]:
@@ -32,13 +34,27 @@ def in_parallel(work: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) ->
     layer = numba.threading_layer()  # type: ignore[attr-defined]
     if threads == 1 or len(jobs) == 1 or layer == "workqueue":  # which bears no more than one caller
         return [work(*job) for job in jobs]
-    if threads not in _pools:
-        _pools[threads] = ThreadPoolExecutor(threads, thread_name_prefix="pcdnf")
-    return list(_pools[threads].map(lambda job: _alone(work, job), jobs))
+    return list(_pool(threads).map(lambda job: work(*job), jobs))
 
 
-def _alone(work: Callable[..., Result], job: tuple[Any, ...]) -> Result:
-    if torch.get_num_threads() != 1:
-        torch.set_num_threads(1)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    with _lock:
+        if threads not in _pools:
+            ready = threading.Barrier(threads + 1)
+            _pools[threads] = pool = ThreadPoolExecutor(threads, "pcdnf", _alone, (ready,))
+            for _ in range(threads):
+                pool.submit(int)
+            ready.wait()
+            torch.set_num_threads(threads)  # what was last set anywhere is what new threads begin with
+        return _pools[threads]
+
+
+def _alone(ready: threading.Barrier) -> None:
+    torch.set_num_threads(1)
     share_threads()
-    return work(*job)
+    ready.wait()
+
+
+def _forget() -> None:
+    _pools.clear()
+    _lock.release()

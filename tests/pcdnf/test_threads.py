@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import os
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
 import torch
 
-from pcdnf.threads import in_parallel
+from pcdnf.threads import _pools, in_parallel
 
 
 @pytest.fixture(autouse=True)
@@ -40,3 +42,36 @@ def test_an_error_reaches_the_caller() -> None:
 
     with pytest.raises(ValueError, match="job three"):
         in_parallel(work, [(i,) for i in range(6)])
+
+
+def test_threads_made_later_have_as_many_as_this_one() -> None:
+    def run() -> None:
+        in_parallel(lambda _: None, [(i,) for i in range(4)])
+        seen.append(torch.get_num_threads())
+        seen.append(len(set(in_parallel(lambda _: slowly(), [(i,) for i in range(8)]))))
+
+    def slowly() -> str:
+        time.sleep(0.02)
+        return threading.current_thread().name
+
+    seen: list[int] = []
+    _pools.clear()
+    run()
+    later = threading.Thread(target=run)
+    later.start()
+    later.join()
+    assert seen == [2, 2, 2, 2]
+
+
+def test_pools_are_made_once_and_not_inherited_by_a_fork() -> None:
+    callers = [threading.Thread(target=in_parallel, args=(abs, [(i,) for i in range(4)])) for _ in range(8)]
+    _pools.clear()
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert list(_pools) == [2]
+    child = os.fork()
+    if not child:
+        os._exit(0 if in_parallel(abs, [(-1,), (2,)]) == [1, 2] and list(_pools) == [2] else 1)
+    assert os.waitpid(child, 0)[1] == 0
