@@ -17,11 +17,21 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from . import fused
+from . import fused, fused_anchor, fused_fit
 from .convolutions import SLOPE, Conv1x1
 from .decoder import REGRESSOR_NEIGHBOURS, CoordinateRegressor, NormalRegressor
+from .fit import TERMS, QuadricFit, real_points
 from .layers import Affine, Edges, bare, coordinate_graph, feature_graph, fold_conv, pool, scale_shift, whole
-from .network import ANCHOR_REACH, PCDNF, STEER, MultiscaleFeatureExtractor, NetworkOutput, ShapeAwareSelector, anchor
+from .network import (
+    ANCHOR_FLOOR,
+    ANCHOR_REACH,
+    ANCHOR_RIDGE,
+    PCDNF,
+    STEER,
+    MultiscaleFeatureExtractor,
+    NetworkOutput,
+    ShapeAwareSelector,
+)
 from .threads import in_parallel
 
 CHUNK = 8
@@ -65,21 +75,35 @@ class _Extractor:
 
 
 class _Anchor:
-    """What the selector of an anchored network learns from a first fit."""
+    """The fits that the decoders correct, and what the selector learns from the first of them."""
 
-    def __init__(self, selector: ShapeAwareSelector, dtype: torch.dtype) -> None:
+    def __init__(self, selector: ShapeAwareSelector) -> None:
         first, against, steer = whole(selector.first), whole(selector.against), whole(selector.steer)
-        self.first, self.steer = (Affine(layer.weight, layer.bias, dtype) for layer in (first, steer))
-        self.against = Affine(against.weight, against.bias, dtype)
+        self.ridge = torch.tensor(ANCHOR_RIDGE)
+        self.first = first.weight[0].numpy(), float(first.bias)
+        self.against = against.weight.T.contiguous().numpy(), against.bias.numpy()
+        self.steer = steer.weight[0].numpy(), float(steer.bias) + STEER
 
     def refine(self, guides: Tensor, points: Tensor, normals: Tensor) -> Tensor:
         """Add to guides (B, M, 192) in place; points, normals (B, M, 3) -> weights of the normals (B, M)."""
-        B, M, _ = guides.shape
-        rows = guides.view(B * M, -1)
-        first = torch.sigmoid(self.first(rows).float().view(B, M))
-        against = anchor(points, first).against(points, first, normals)  # (B, M, 4)
-        rows += self.against(against.to(guides.dtype).view(B * M, -1))
-        return torch.sigmoid(self.steer(rows).float().view(B, M) + STEER)
+        slope_weights = torch.empty(points.shape[:2])
+        fused_anchor.first_fit(
+            *(bare(x) for x in (guides, points, normals)),
+            ANCHOR_FLOOR,
+            self.ridge.numpy(),
+            *self.first,
+            *self.against,
+            *self.steer,
+            slope_weights.numpy(),
+        )
+        return slope_weights
+
+    def fit(self, points: Tensor, weight: Tensor, normals: Tensor, slope_weights: Tensor) -> QuadricFit:
+        """As :func:`pcdnf.network.anchor`."""
+        weight = (weight + ANCHOR_FLOOR).mul_(real_points(points))
+        fits, ridge = torch.empty(len(points), TERMS), self.ridge.expand(len(points), TERMS)
+        fused_fit.fit_patches(*(x.numpy() for x in (points, weight, normals, slope_weights, ridge, fits)))
+        return QuadricFit(fits)
 
 
 class _CoordinateRegressor:
@@ -155,7 +179,7 @@ class FoldedPCDNF(nn.Module):
         weight, bias = selector.score.linear.weight, scale_shift(selector.score.norm)
         # The guide kernel concatenates points, normals, angle, distance, as the selector does.
         self.score = Affine(bias[0][:, None] * weight, bias[1], dtype)
-        self.anchor = _Anchor(selector, dtype) if network.config.anchor else None
+        self.anchor = _Anchor(selector) if network.config.anchor else None
         self.augment_points = fold_conv(whole(refinement.point), dtype)
         self.augment_normals = fold_conv(whole(refinement.normal), dtype)
         self.coordinate = _CoordinateRegressor(whole(decoder.coordinate), dtype)
@@ -197,8 +221,8 @@ class FoldedPCDNF(nn.Module):
         g_n = self.augment_normals(self._augment(f_n, weight, selected, graph))
         f = torch.cat([g_p, g_n], -1).view(B, -1, 256)  # (B, K, 256)
         displacement, normal = self.coordinate(f, pool(f_p)), self.normal(f, pool(f_n))
-        if self.anchor:
-            fit = anchor(points, weight, normals, steer)
+        if self.anchor and steer is not None:
+            fit = self.anchor.fit(points, weight, normals, steer)
             displacement, normal = fit.displacement() + ANCHOR_REACH * displacement, fit.normal() + normal
         return NetworkOutput(displacement, normal, weight, selected.long(), refined_points, refined_normals)
 

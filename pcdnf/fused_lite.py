@@ -192,7 +192,7 @@ def against(
     height, cosine = np.empty(M, np.float32), np.empty(M, np.float32)
     for b in range(B):
         fit_points(points[b], weights[b], ridge, fit)
-        _left(points[b], normals[b], fit.astype(np.float32), height, cosine)
+        left_over(points[b], normals[b], fit.astype(np.float32), height, cosine)
         highest, mean = context[b, :C], context[b, C:]
         highest[:] = -np.inf
         mean[:] = 0
@@ -214,7 +214,7 @@ def against(
 
 
 @_jit
-def _left(points: Float, normals: Float, fit: Float, height: Float, cosine: Float) -> None:
+def left_over(points: Float, normals: Float, fit: Float, height: Float, cosine: Float) -> None:
     """Four times the height (M,) of points (M, 3) above a fit (6,), at most 8, and the cosine (M,) of their normals."""
     h, p, q, r, s, t = fit
     one, two, most = np.float32(1), np.float32(2), np.float32(8)
