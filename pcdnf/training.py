@@ -20,13 +20,14 @@ from torch import Tensor
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .device import choose_device
+from .errors import PcdnfError
 from .losses import Batch, joint_loss
 from .memory import keep_freed_memory
 from .models import DEFAULTS, Defaults, build_network
 from .patches import Recipe
 from .training_run import TrainingRun
-from .training_stream import Forerunner, TrainingBatches, stream
-from .validation import VALIDATION_SEED, validate, validation_batches
+from .training_stream import CLOUDS_A_BATCH, Forerunner, TrainingBatches, stream
+from .validation import VALIDATION_CLOUDS_A_BATCH, VALIDATION_SEED, validate, validation_batches
 
 WARM_UP = 0.03
 """Share of the budget in which the learning rate rises."""
@@ -54,7 +55,7 @@ class Options:
         Processes that prepare batches, none for the training's own; by default 1 beside a CPU, one a core but one
         beside a GPU.
     batch : int or None
-        Patches a step; the kind's own by default.
+        Patches a step, a multiple of 4; the kind's own by default.
     save_every : float
         Seconds between validations and saved states.
     first_pass : str or None
@@ -62,8 +63,14 @@ class Options:
     first_pass_share : float
     seed : int
     validation_patches, validation_clouds : int
+        The patches a multiple of 8.
     pool : int
-        Clouds held in memory at once.
+        Clouds held in memory at once, and at least 4 by each process.
+
+    Raises
+    ------
+    PcdnfError
+        ``bad_option``: a number of patches that cannot be shared out.
     """
 
     kind: str
@@ -80,6 +87,15 @@ class Options:
     validation_patches: int = 2048
     validation_clouds: int = 12
     pool: int = 64
+
+    def __post_init__(self) -> None:
+        for name, patches, share in (
+            ("--batch", self.batch or CLOUDS_A_BATCH, CLOUDS_A_BATCH),
+            ("--validation-patches", self.validation_patches, VALIDATION_CLOUDS_A_BATCH),
+        ):
+            if patches <= 0 or patches % share:
+                hint = f"Give a multiple of {share}: a batch has as many patches of each of {share} clouds."
+                raise PcdnfError(f"{name} cannot be {patches}.", code="bad_option", hint=hint)
 
 
 def learning_rate(peak: float, progress: float) -> float:

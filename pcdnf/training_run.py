@@ -12,6 +12,8 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from .errors import PcdnfError
+
 
 class TrainingRun:
     """State of a training that outlives its process.
@@ -32,6 +34,11 @@ class TrainingRun:
         Seconds, earlier sessions included.
     best : float
         Lowest validation score so far.
+
+    Raises
+    ------
+    PcdnfError
+        ``other_training``: the state that lies there is of another network.
     """
 
     def __init__(self, folder: Path, network: nn.Module, average: nn.Module, optimizer: torch.optim.Optimizer) -> None:
@@ -55,8 +62,15 @@ class TrainingRun:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
             facts = json.loads(file.metadata()["facts"])
         self.step, self.elapsed, self.best = facts["step"], facts["elapsed"], facts["best"]
-        self._network.load_state_dict(_part(tensors, "network."))
-        self._average.load_state_dict(_part(tensors, "average."))
+        try:
+            self._network.load_state_dict(_part(tensors, "network."))
+            self._average.load_state_dict(_part(tensors, "average."))
+        except RuntimeError as error:
+            raise PcdnfError(
+                f"{self.folder} holds the training of another network.",
+                code="other_training",
+                hint="Go on with the --kind it was begun with, or train in another folder.",
+            ) from error
         for name, parameter in self._network.named_parameters():
             self._optimizer.state[parameter] = {
                 "step": torch.tensor(float(self.step)),

@@ -12,6 +12,7 @@ from .training_data import TrainingCloud, sample_batch
 
 VALIDATION_SEED = 1_000_000
 """Held-out shapes come from generators seeded here and above; training seeds stay below."""
+VALIDATION_CLOUDS_A_BATCH = 8
 
 
 def validation_batches(kind: str, patches: int, clouds: int) -> list[Batch]:
@@ -19,7 +20,7 @@ def validation_batches(kind: str, patches: int, clouds: int) -> list[Batch]:
     rng = np.random.default_rng(VALIDATION_SEED)
     pool = [TrainingCloud(rng, DEFAULTS[kind].recipe, None) for _ in range(clouds)]
     size = min(256, patches)
-    return [sample_batch(pool, rng, size, 8, 0.25) for _ in range(max(1, patches // size))]
+    return [sample_batch(pool, rng, size, VALIDATION_CLOUDS_A_BATCH, 0.25) for _ in range(max(1, patches // size))]
 
 
 @torch.no_grad()

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from pcdnf import Denoiser
+from pcdnf.errors import PcdnfError
 from pcdnf.lite import LiteConfig, PCDNFLite
 from pcdnf.losses import Batch, joint_loss
 from pcdnf.models import DEFAULTS
@@ -126,6 +127,25 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
         assert old.shape == new.shape
     moments = again.optimizer.state[next(again.network.parameters())]
     assert moments["exp_avg_sq"].max() > 0
+
+
+def test_a_folder_of_another_network_is_refused(tmp_path: Path) -> None:
+    options = Options(kind="lite", folder=tmp_path, minutes=1)
+    trainer = Trainer(options)
+    for parameter in trainer.network.parameters():
+        trainer.optimizer.state[parameter] = {name: torch.zeros_like(parameter) for name in ("exp_avg", "exp_avg_sq")}
+    trainer.run_folder.save()
+    with pytest.raises(PcdnfError, match="another network") as caught:
+        Trainer(replace(options, kind="pcdnf"))
+    assert "--kind" in str(caught.value.hint)
+    assert Trainer(options).run_folder.step == 0
+
+
+@pytest.mark.parametrize("wrong", [{"batch": 2}, {"batch": 6}, {"batch": -4}, {"validation_patches": 4}])
+def test_patches_that_cannot_be_shared_out(tmp_path: Path, wrong: dict[str, int]) -> None:
+    with pytest.raises(PcdnfError, match="cannot be") as caught:
+        Options(kind="lite", folder=tmp_path, minutes=1, **wrong)  # type: ignore[arg-type]
+    assert "multiple of" in str(caught.value.hint)
 
 
 def test_validation_is_of_the_network_as_it_is(batch: Batch) -> None:
