@@ -9,6 +9,9 @@ from .errors import PcdnfError
 FAST_NEIGHBOURS = {"lite": 128}
 """Neighbours a point in the fast form, by the kind of network: those that were trained with so few."""
 
+MOST_ITERATIONS = 999_999_999
+"""That can be asked for at all."""
+
 
 class ChoiceError(PcdnfError):
     """Iterations, a radius or a form that cannot be used."""
@@ -20,14 +23,15 @@ def check_iterations(value: int | str) -> int | None:
     Raises
     ------
     ChoiceError
-        ``invalid_iterations``: neither "auto" nor a whole number from 1 on.
+        ``invalid_iterations``: neither "auto" nor a whole number from 1 to :data:`MOST_ITERATIONS`.
     """
     if value == "auto":
         return None
-    number = int(value) if isinstance(value, int) or value.isdecimal() else 0
-    if number < 1:
+    short = isinstance(value, int) or (value.isdecimal() and len(value) <= len(str(MOST_ITERATIONS)))
+    number = int(value) if short else 0
+    if not 1 <= number <= MOST_ITERATIONS:
         raise ChoiceError(
-            f"Iterations are given as auto or a whole number from 1 on, not {str(value)[:40]!r}.",
+            f"Iterations are given as auto or a whole number from 1 to {MOST_ITERATIONS}, not {str(value)[:40]!r}.",
             code="invalid_iterations",
             hint="Leave it out to have it chosen.",
         )

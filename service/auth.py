@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import logging
 import os
 import re
 import threading
@@ -16,6 +17,8 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from .problems import Problem
 from .rates import Rates
 from .settings import Settings, SettingsError
+
+log = logging.getLogger(__name__)
 
 ANONYMOUS = "anonymous"
 _LINE = re.compile(r"^([A-Za-z0-9._-]{1,64}):([0-9a-fA-F]{64})$")
@@ -41,6 +44,7 @@ class Keys:
         self._fixed = {} if api_key is None else {hashlib.sha256(api_key.encode()).digest(): "default"}
         self._path = path
         self._version: tuple[int, int] | None = None
+        self._told: tuple[int, ...] | None = ()  # the version whose fault is in the log
         self._named: dict[bytes, str] = {}
         self._lock = threading.Lock()
         self._refresh()
@@ -74,6 +78,7 @@ class Keys:
         if self._path is None:
             return
         with self._lock:
+            version = None
             try:
                 stat = os.stat(self._path)
                 version = (stat.st_mtime_ns, stat.st_ino)
@@ -84,11 +89,18 @@ class Keys:
                 # At start it is the operator's error; later the keys last read stay in force.
                 if self._version is None:
                     raise SettingsError(f"The file of keys PCDNF_API_KEYS_FILE cannot be used: {error}") from error
+                if version != self._told:
+                    self._told = version
+                    log.warning("the file of keys cannot be used, those last read stay in force: %s", error)
 
 
 def _parse(path: Path) -> dict[bytes, str]:
     keys = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise SettingsError("it is not text in UTF-8") from None
+    for number, line in enumerate(text.splitlines(), 1):
         content = line.partition("#")[0].strip()
         if not content:
             continue

@@ -45,6 +45,7 @@ class Jobs:
         self._storage = storage
         self._admission = Admission(settings)
         self._ttl_ms = int(settings.job_ttl * 1000)
+        self._usual_iterations = min(USUAL_ITERATIONS, settings.max_iterations)
         self._client = DBOSClient(
             system_database_engine=engine,
             application_name=APPLICATION_NAME,
@@ -88,7 +89,7 @@ class Jobs:
             "upload": upload,
             "warnings": warnings,
             "done": 0,
-            "total": upload["points"] * (USUAL_ITERATIONS if iterations == "auto" else iterations),
+            "total": upload["points"] * (self._usual_iterations if iterations == "auto" else iterations),
             "created_at": now_ms(),
             "open": False,
             "losses": 0,

@@ -202,8 +202,10 @@ class Runtime:
             self._let_go(work)
 
     def _let_go(self, work: str) -> None:
-        self.in_hand[work].record.park(work)
-        self.parked.add(work)
+        held = self.in_hand.get(work)
+        if held is not None:  # it has not ended meanwhile
+            held.record.park(work)
+            self.parked.add(work)
 
     @property
     def points_per_second(self) -> float | None:

@@ -78,7 +78,7 @@ class Settings(BaseSettings):
         4096 * MIB, ge=1, description="Most bytes that the arrays of a compressed NPZ may inflate to."
     )
     max_points: int = Field(10_000_000, ge=1, description="Most points in one cloud.")
-    max_iterations: int = Field(4, ge=1, description="Most passes a job may ask for.")
+    max_iterations: int = Field(4, ge=1, description="Most passes of a job; `iterations=auto` chooses no more.")
     upload_deadline: float = Field(900.0, gt=0, description="Seconds in which a request body has to arrive.")
     upload_min_rate: int = Field(
         1024, ge=0, description="Slowest upload in bytes per second, averaged, after the first ten seconds."

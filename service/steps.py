@@ -10,6 +10,7 @@ import functools
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,8 @@ def survey(runtime: Runtime, job: Job) -> Outcome:
         chosen = denoiser.plan(
             points, iterations=asked["iterations"], radius=asked["radius"], fast=asked.get("fast", False)
         )
+        if asked["iterations"] == "auto":
+            chosen = replace(chosen, radii=chosen.radii[: runtime.settings.max_iterations])
     execution = runtime.models.execution(job.parameters["model"]) | {"plan": chosen.to_json()}
     runtime.attempts.update(job.id, execution=execution, total=chosen.iterations * len(points))
     return {"iterations": chosen.iterations}

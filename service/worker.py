@@ -15,6 +15,7 @@ from functools import partial
 from typing import IO
 
 import sqlalchemy as sa
+from sqlalchemy.exc import SQLAlchemyError
 
 from pcdnf.errors import PcdnfError
 
@@ -32,6 +33,7 @@ log = logging.getLogger("service.worker")  # not __main__
 
 PURGE_SECONDS = 60.0
 STORAGE_SECONDS = 180.0  # that a step waits for a storage that does not answer, three times
+LAST_SECONDS = 2.0  # for each of the last writes of a worker that stops; its supervisor waits no longer
 LOCK_WAIT_SECONDS = 20.0  # for a worker of the same name that is still on its way out
 
 
@@ -154,11 +156,27 @@ def main() -> None:
     except Exception:
         status = 1
         log.exception("worker %s fails", settings.executor_id)
-    heart.stop()
-    slot.close()
-    tracing.close()
-    logging.shutdown()
-    os._exit(status)  # a parked workflow waits in its thread for this
+    try:
+        not_for_long(heart.stop)
+        slot.close()
+        tracing.close()
+        logging.shutdown()
+    finally:
+        os._exit(status)  # a parked workflow waits in its thread for this
+
+
+def not_for_long(write: Callable[[], None]) -> None:
+    """Do one of the last writes to the database, but leave it where that does not answer: this process ends."""
+
+    def attempt() -> None:
+        try:
+            write()
+        except SQLAlchemyError as error:
+            log.warning("the job database did not take leave of this worker: %s", type(error).__name__)
+
+    thread = threading.Thread(target=attempt, daemon=True)
+    thread.start()
+    thread.join(LAST_SECONDS)
 
 
 def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart, stopping: threading.Event) -> None:
@@ -212,12 +230,12 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
         except Exception:
             log.exception("looking after the queue failed; trying again")
     runtime.stop()
-    heart.state = "stopping"
-    heart.beat()
     deadline = time.monotonic() + settings.grace_seconds
+    heart.state = "stopping"
+    not_for_long(heart.beat)
     while not runtime.at_rest and time.monotonic() < deadline:
         time.sleep(0.05)
-    runtime.let_go_of_the_rest()
+    not_for_long(runtime.let_go_of_the_rest)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ from apart import TILE, Apart, nothing_left_over, succeeded, until
 from servers import postgresql
 from service_process import write_sphere
 
+from service.supervisor import KILL_MARGIN
+
 
 def test_a_locked_database_holds_everything_up_and_loses_nothing(tmp_path: Path) -> None:
     service = Apart(tmp_path / "service", tile_points=TILE).start()
@@ -52,6 +54,24 @@ def away(url: str) -> Iterator[None]:
     yield
     start = [*control, "-l", data.parent / "log", "-o", shlex.join(options), "start"]
     subprocess.run(start, user=user, check=True, capture_output=True)
+
+
+def test_a_worker_that_stops_while_the_database_is_away(tmp_path: Path) -> None:
+    with postgresql() as url:
+        service = Apart(tmp_path / "service", tile_points=TILE, database_url=url, grace_seconds=3).start()
+        job = service.submit(write_sphere(tmp_path / "a.ply", 4 * TILE))["id"]
+        until(lambda: service.job(job)["progress"]["done"] >= TILE)
+        worker = service.workers["worker-0"]
+        with away(url):
+            began = time.monotonic()
+            worker.terminate()
+            assert worker.wait(30) == 0, service.output()
+            assert time.monotonic() - began < 3 + KILL_MARGIN
+        assert "Traceback" not in service.output().partition("worker worker-0 stops")[2]
+        service.start_worker()
+        succeeded(service, job)
+        nothing_left_over(service)
+        assert service.stop() == 0, service.output()
 
 
 def test_a_database_that_is_away_holds_everything_up_and_loses_nothing(tmp_path: Path) -> None:

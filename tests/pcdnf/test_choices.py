@@ -8,7 +8,7 @@ def test_iterations(value: int | str, meant: int | None) -> None:
     assert check_iterations(value) == meant
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "1.5", "many", "", 0, -3])
+@pytest.mark.parametrize("value", ["0", "-1", "1.5", "many", "", 0, -3, "1" * 10, "1" * 5000, 10**9])
 def test_iterations_that_cannot_be(value: int | str) -> None:
     with pytest.raises(ChoiceError, match="auto or a whole number") as caught:
         check_iterations(value)

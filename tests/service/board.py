@@ -37,7 +37,7 @@ class Board:
     workers: Workers
     retention: Retention
 
-    def submit(self, *, owner: str = "ada", points: int = 100, iterations: int = 1, size: int = 6) -> Job:
+    def submit(self, *, owner: str = "ada", points: int = 100, iterations: int | str = 1, size: int = 6) -> Job:
         """Accept a job with an upload of a few bytes."""
         job_id = new_id()
         scratch = self.storage.scratch()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def test_keys_of_a_file_and_of_the_settings(tmp_path: Path) -> None:
     assert not Keys(None, None).required
 
 
-def test_the_file_is_read_again_when_it_changes(tmp_path: Path) -> None:
+def test_the_file_is_read_again_when_it_changes(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "keys"
     path.write_text(_line("ada", "first"))
     keys = Keys(None, path)
@@ -36,18 +37,28 @@ def test_the_file_is_read_again_when_it_changes(tmp_path: Path) -> None:
     os.utime(path, ns=(1, 1))
     assert keys.owner("first") is None
     assert keys.owner("second") == "ada"
-    path.write_text("nonsense\n")
-    os.utime(path, ns=(2, 2))
-    assert keys.owner("second") == "ada"  # a file broken while running does not lock everybody out
+    caplog.set_level(logging.WARNING, "service.auth")
+    for number, broken in enumerate((b"nonsense\n", b"ada:\xff\n"), 2):
+        path.write_bytes(broken)
+        os.utime(path, ns=(number, number))
+        for _ in range(3):
+            assert keys.owner("second") == "ada"  # a file broken while running does not lock everybody out
     path.unlink()
-    assert keys.owner("second") == "ada"
+    for _ in range(3):
+        assert keys.owner("second") == "ada"
+    said = [record.getMessage().partition(": ")[2] for record in caplog.records]  # once of each
+    assert said[:2] == ["line 1 is not `name:sha256-in-hex`", "it is not text in UTF-8"]
+    assert len(said) == 3
+    assert "No such file" in said[2]
+    path.write_text(_line("ada", "third"))
+    assert keys.owner("third") == "ada"
 
 
-@pytest.mark.parametrize("text", ["ada\n", "ada:1234\n", "a b:" + "0" * 64 + "\n", None])
+@pytest.mark.parametrize("text", ["ada\n", "ada:1234\n", "a b:" + "0" * 64 + "\n", "\udcff\n", None])
 def test_a_bad_file_is_refused_at_start(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "keys"
     if text is not None:
-        path.write_text(text)
+        path.write_text(text, errors="surrogateescape")
     with pytest.raises(SettingsError, match="PCDNF_API_KEYS_FILE"):
         Keys(None, path)
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 import pytest
 import sqlalchemy as sa
@@ -24,6 +25,13 @@ def test_submit_enters_both_tables(board: Board) -> None:
     assert board.jobs.status(job.id, "ada") == job
     assert board.jobs.status(job.id, "bob") is None
     assert board.jobs.status("0" * 32, "ada") is None
+
+
+@pytest.mark.parametrize(("most", "guess"), [(1, 100), (2, 200), (4, 200)])
+def test_auto_is_taken_for_no_more_iterations_than_there_may_be(
+    make_board: Callable[..., Board], most: int, guess: int
+) -> None:
+    assert make_board(max_iterations=most).submit(points=100, iterations="auto").total == guess
 
 
 def test_submit_is_one_transaction(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,6 +114,24 @@ def test_those_that_wait_are_at_rest_once_it_stops(board: Board, monkeypatch: py
     assert not board.now(waiting).open
 
 
+def test_what_ends_while_the_rest_is_let_go_of(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    runtime = _runtime(board)
+    jobs = [_open(board, board.submit()) for _ in range(2)]
+    works = [runtime.working_on(job.id, job.id, runtime.attempts) for job in jobs]
+    for work in works:
+        work.__enter__()
+    park = runtime.attempts.park
+
+    def slow_park(job_id: str) -> None:
+        park(job_id)
+        (other,) = (work for job, work in zip(jobs, works, strict=True) if job.id != job_id)
+        other.__exit__(None, None, None)
+
+    monkeypatch.setattr(runtime.attempts, "park", slow_park)
+    runtime.let_go_of_the_rest()
+    assert len(runtime.parked) == 1
+
+
 def test_speeds_are_of_a_model(board: Board) -> None:
     runtime = _runtime(board)
     assert runtime.points_per_second is None
