@@ -39,6 +39,7 @@ class Admission:
 
     def __init__(self, settings: Settings) -> None:
         self._all = Load(settings.max_queued_points, settings.max_queued_bytes)
+        self._stale_seconds = settings.worker_stale_seconds
         self._caller = Load(settings.max_caller_points, settings.max_caller_bytes, settings.max_caller_jobs)
 
     def check(self, connection: sa.Connection, owner: str, wanted: Load) -> None:
@@ -52,7 +53,7 @@ class Admission:
         """
         self._too_large(wanted)
         everybody, own = _loads(connection, owner)
-        pace = speed(connection)
+        pace = speed(connection, self._stale_seconds)
         for name in ("points", "bytes", "jobs"):
             limit, used, more = (getattr(load, name) for load in (self._caller, own, wanted))
             if used + more > limit:

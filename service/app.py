@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -43,7 +44,7 @@ from .parameters import only_query
 from .preferences import preferred_wait
 from .problems import Problem
 from .rates import Rates
-from .retention import Retention
+from .retention import Retention, keep_clear
 from .settings import Settings
 from .state import State, StateIn
 from .stop import Stop
@@ -107,9 +108,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.inspector = Inspector(children, settings)
     app.state.converter = Converter(children, app.state.jobs, storage, app.state.retention)
     app.state.metrics.registry.register(Deployment(engine, storage, settings))
+    clearing = asyncio.create_task(keep_clear(storage))
     try:
         yield
     finally:
+        clearing.cancel()
         app.state.jobs.close()
         engine.dispose()
 
@@ -119,7 +122,7 @@ def _job(job_id: str, state: StateIn, owner: Annotated[str, Depends(caller)]) ->
     if job is None:
         raise Problem("job_not_found", "There is no such job.", hint="Jobs are forgotten some time after they expire.")
     if state.jobs.expired(job):
-        raise Problem("job_expired", "The job has expired and its files were removed.", hint="Submit the file again.")
+        raise problems.job_expired()
     return job
 
 

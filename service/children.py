@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import math
 import sys
 from typing import Any
 
+from .problems import unexpected
 from .settings import Settings
+
+log = logging.getLogger(__name__)
 
 WALL_FACTOR = 4.0  # clock seconds a child may take for each second of processor time it is granted
 
@@ -26,7 +30,13 @@ class Children:
         self._turn = asyncio.Semaphore(settings.concurrent_checks)
 
     async def ask(self, module: str, *arguments: str) -> dict[str, Any]:
-        """Return the answer of ``python -m module arguments``, a refusal where the child broke a limit."""
+        """Return the answer of ``python -m module arguments``, a refusal where the child broke a limit.
+
+        Raises
+        ------
+        Problem
+            500 where the child failed otherwise.
+        """
         async with self._turn:
             return await self._run(module, *arguments)
 
@@ -49,7 +59,10 @@ class Children:
             if process.returncode is None:
                 process.kill()
                 await process.wait()
-        if process.returncode != 0:
+        if process.returncode:
+            log.error("the child process %s ended with status %d", module, process.returncode)
+            if process.returncode > 0:  # no signal, so a defect: want of memory is answered, or ends it with one
+                raise unexpected()
             return _refused("not_enough_memory", "Reading the file ended its checker, most likely for want of memory.")
         answer: dict[str, Any] = json.loads(output)
         return answer

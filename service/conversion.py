@@ -11,7 +11,7 @@ from .children import Children
 from .inspection import file_problem
 from .job import Job
 from .jobs import Jobs
-from .problems import disk_full
+from .problems import Problem, disk_full, job_expired
 from .retention import Retention
 from .storage import Storage, job_file, own_name, result_facts, result_file
 
@@ -40,13 +40,27 @@ class Converter:
         Raises
         ------
         Problem
-            422 where the format cannot hold the cloud, 503 where the disk is full.
+            410 where the job has gone meanwhile, 422 where the format cannot hold the cloud, 503 where the disk is
+            full.
         """
         async with self._turn:
-            now = await run_in_threadpool(self._jobs.status, job.id, job.owner)
-            if now is not None and format_ in (now.results or {}):
+            now = await run_in_threadpool(self._still, job)
+            if format_ in (now.results or {}):
                 return now  # another request was first
-            return await self._convert(now or job, format_)
+            try:
+                return await self._convert(now, format_)
+            except FileNotFoundError:
+                raise job_expired() from None
+            except Problem:
+                await run_in_threadpool(self._still, job)  # or its files went while the child process read them
+                raise
+
+    def _still(self, job: Job) -> Job:
+        """Return the job as it is now."""
+        now = self._jobs.status(job.id, job.owner)
+        if now is None or self._jobs.expired(now):
+            raise job_expired()
+        return now
 
     async def _convert(self, job: Job, format_: str) -> Job:
         results = job.results or {}
@@ -63,4 +77,8 @@ class Converter:
                 raise file_problem(answer)
             facts = await run_in_threadpool(result_facts, scratch, name)
             await run_in_threadpool(self._storage.put, scratch, job_file(job.id, name))
-        return await run_in_threadpool(self._jobs.add_result, job, format_, facts, answer["warnings"])
+        added = await run_in_threadpool(self._jobs.add_result, job, format_, facts, answer["warnings"])
+        if added is None:
+            await run_in_threadpool(self._storage.delete_job, job.id)
+            raise job_expired()
+        return added

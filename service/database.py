@@ -20,6 +20,13 @@ from .settings import Settings
 
 SQLITE_BUSY_MS = 30_000
 IDLE_SECONDS = 10.0  # after which PostgreSQL takes its locks from a process that froze in a transaction, or was cut off
+CONNECTION: dict[str, int] = {  # to PostgreSQL, whose end would else go unnoticed for hours where a machine is gone
+    "connect_timeout": 10,  # seconds, as are the keepalives'
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 20_000,  # milliseconds
+}
 MIGRATION_LOCK, ADMISSION_LOCK = 7262733, 7262734  # of PostgreSQL, any two numbers
 
 metadata = sa.MetaData()
@@ -136,7 +143,15 @@ def create_engine(settings: Settings) -> sa.Engine:
     """Return the engine of the job database; nothing is created yet."""
     url = settings.resolved_database_url
     if not url.startswith("sqlite"):
-        engine = sa.create_engine(url, pool_size=10, max_overflow=0, pool_pre_ping=True, hide_parameters=True)
+        given = sa.make_url(url).query  # an operator's own go first
+        engine = sa.create_engine(
+            url,
+            pool_size=10,
+            max_overflow=0,
+            pool_pre_ping=True,
+            connect_args={name: value for name, value in CONNECTION.items() if name not in given},
+            hide_parameters=True,
+        )
 
         @sa.event.listens_for(engine, "connect")
         def bound(connection: Any, _record: object) -> None:

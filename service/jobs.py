@@ -45,6 +45,7 @@ class Jobs:
         self._storage = storage
         self._admission = Admission(settings)
         self._ttl_ms = int(settings.job_ttl * 1000)
+        self._stale_seconds = settings.worker_stale_seconds
         self._usual_iterations = min(USUAL_ITERATIONS, settings.max_iterations)
         self._client = DBOSClient(
             system_database_engine=engine,
@@ -141,7 +142,7 @@ class Jobs:
     def outlook(self, job: Job) -> Outlook:
         """Return place in the queue and estimated time, from the speed the workers measured."""
         with self._engine.connect() as connection:
-            return outlook(connection, job)
+            return outlook(connection, job, self._stale_seconds)
 
     def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Outlook]]:
         """Return these jobs as they are now, whoever owns them; those that are gone are left out."""
@@ -168,22 +169,27 @@ class Jobs:
             else:
                 connection.execute(running)
         if gone:
-            # A worker that has just taken it off the queue finds it cancelled and lets it go.
-            self._client.cancel_workflow(job.id)
+            # Should this be cut off, the worker that takes it off the queue finds it cancelled and clears it away.
             self._storage.delete_job(job.id)
+            self._client.cancel_workflow(job.id)
         return self.status(job.id, job.owner)
 
-    def add_result(self, job: Job, format_: str, facts: dict[str, Any], warnings: list[str]) -> Job:
-        """Note that the result of a finished job is there in one more format; return the job as it is now."""
+    def add_result(self, job: Job, format_: str, facts: dict[str, Any], warnings: list[str]) -> Job | None:
+        """Note that the result of a finished job is there in one more format.
+
+        Returns the job as it is now, or None if it was removed or expired in the meantime.
+        """
+        there = (table.c.id == job.id) & (table.c.status == "succeeded") & (table.c.expires_at > now_ms())
         with self._engine.connect() as connection, exclusive(connection):
-            row = connection.execute(sa.select(table).where(table.c.id == job.id)).mappings().one_or_none()
-            now = job if row is None else as_job(row)
+            row = connection.execute(sa.select(table).where(there)).mappings().one_or_none()
+            if row is None:
+                return None
+            now = as_job(row)
             # Another API process may have added this format or another one meanwhile.
             results = {format_: facts} | (now.results or {})
             told = now.warnings + [warning for warning in warnings if warning not in now.warnings]
-            query = table.update().where(table.c.id == job.id, table.c.status == "succeeded")
-            connection.execute(query.values(results=results, warnings=told))
-        return replace(job, results=results, warnings=told)
+            connection.execute(table.update().where(table.c.id == job.id).values(results=results, warnings=told))
+        return replace(now, results=results, warnings=told)
 
     def remove(self, job: Job) -> bool:
         """Remove a finished job, its files and its row; False if it is live."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 
 from .database import jobs as table
-from .database import workers
+from .database import now_ms, workers
 from .job import Job
 from .lanes import lane
 
@@ -20,28 +20,37 @@ class Outlook:
     seconds_left: float | None
 
 
-def speed(connection: sa.Connection) -> float | None:
-    """Return the points a second that all workers make together; None before the first measured one."""
-    found: float | None = connection.execute(sa.select(sa.func.sum(workers.c.points_per_second))).scalar()
+def speed(connection: sa.Connection, stale_seconds: float) -> float | None:
+    """Return the points a second that the workers at work make together; None before the first measured one.
+
+    Who was silent for `stale_seconds` is dead, and who starts or stops takes no job.
+    """
+    found: float | None = connection.execute(
+        sa.select(sa.func.sum(workers.c.points_per_second)).where(*_at_work(stale_seconds))
+    ).scalar()
     return found or None
 
 
-def outlook(connection: sa.Connection, job: Job) -> Outlook:
-    """Return place in the queue and estimated time.
+def _at_work(stale_seconds: float) -> tuple[sa.ColumnElement[bool], ...]:
+    return (workers.c.state == "ready", workers.c.beat_at >= now_ms() - int(stale_seconds * 1000))
+
+
+def outlook(connection: sa.Connection, job: Job, stale_seconds: float) -> Outlook:
+    """Return place in the queue and estimated time; a worker silent for `stale_seconds` does not count.
 
     Jobs in hand share the device evenly, so until a job has done its own work each of the others does as much, or what
     it has left.
     """
     if not job.live:
         return Outlook(None, None)
-    every = speed(connection)
+    every = speed(connection, stale_seconds)
     left = job.total - job.done
     position, before = None, 0
     if job.status == "queued":
         position, before = _ahead(connection, job)
         pace = every
     else:
-        count = connection.execute(sa.select(sa.func.count()).select_from(workers)).scalar() or 1
+        count = connection.execute(sa.select(sa.func.count(workers.c.id)).where(*_at_work(stale_seconds))).scalar() or 1
         pace = job.points_per_second or (every and every / count)
     others = _others(connection, job, before + left)
     if job.status != "queued" and every and pace:

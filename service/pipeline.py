@@ -42,6 +42,7 @@ def denoise(job_id: str) -> str:
     with shared().working_on(job_id, job_id, shared().attempts):
         job = shared().attempts.open(job_id)
         if job is None:
+            _sweep(job_id)  # who ended it may have died before its files went
             return "gone"
         with shared().attempt(job):
             try:
@@ -156,7 +157,7 @@ def _kept(results: dict[str, Any]) -> frozenset[str]:
 
 
 def _sweep(job_id: str) -> None:
-    """Remove what this worker wrote for a job after another one had ended it."""
+    """Remove what is left of a job that has ended, but its results."""
     job = shared().attempts.get(job_id)
     if job is None or not job.live:
         results = None if job is None else job.results

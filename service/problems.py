@@ -192,6 +192,11 @@ def disk_full() -> Problem:
     )
 
 
+def job_expired() -> Problem:
+    """Return the problem of a job whose files have gone."""
+    return Problem("job_expired", "The job has expired and its files were removed.", hint="Submit the file again.")
+
+
 def unexpected() -> Problem:
     """Return the problem for an error of the service itself."""
     return Problem(

@@ -13,7 +13,7 @@ from fastapi.responses import StreamingResponse
 from pcdnf.file_formats import FORMATS, available
 
 from .job import Job
-from .problems import Problem
+from .problems import Problem, job_expired
 from .storage import DISPLAY, Storage, job_file, result_file
 
 MEDIA_TYPES = {name: FORMATS[name].media_type for name in available()}
@@ -63,12 +63,7 @@ def respond(request: Request, job: Job, storage: Storage, name: str) -> Response
         headers["Content-Digest"] = headers["Repr-Digest"]
     headers["Content-Disposition"] = _attachment(f"{job.upload['name']}_denoised.{name}")
     headers["Last-Modified"] = formatdate((job.finished_at or 0) / 1000, usegmt=True)
-    try:
-        return _file(request, storage, result_file(job, name), headers, MEDIA_TYPES[name], size, span)
-    except FileNotFoundError:
-        raise Problem(
-            "job_expired", "The job has expired and its files were removed.", hint="Submit the file again."
-        ) from None
+    return _file(request, storage, result_file(job, name), headers, MEDIA_TYPES[name], size, span)
 
 
 def respond_display(request: Request, job: Job, storage: Storage) -> Response:
@@ -77,7 +72,7 @@ def respond_display(request: Request, job: Job, storage: Storage) -> Response:
     Raises
     ------
     Problem
-        404 where the job has no such file.
+        404 where the job has no such file, 410 where it has just been removed.
     """
     name = job_file(job.id, DISPLAY)
     try:
@@ -103,16 +98,19 @@ def _file(
     size: int,
     span: tuple[int, int] | None = None,
 ) -> Response:
-    """Return the response with a file, or with the bytes `span` of it."""
+    """Return the response with a file, or with the bytes `span` of it; raise 410 where it has just been removed."""
     start, stop = span or (0, size)
     headers |= {"Accept-Ranges": "bytes", "Content-Length": str(stop - start)}
     if span is not None:
         headers["Content-Range"] = f"bytes {start}-{stop - 1}/{size}"
     status = 200 if span is None else 206
-    if request.method == "HEAD":
-        storage.size(name)
-        return Response(status_code=status, headers=headers, media_type=media_type)
-    return StreamingResponse(storage.read(name, start, stop), status, headers, media_type)
+    try:
+        if request.method == "HEAD":
+            storage.size(name)
+            return Response(status_code=status, headers=headers, media_type=media_type)
+        return StreamingResponse(storage.read(name, start, stop), status, headers, media_type)
+    except FileNotFoundError:
+        raise job_expired() from None
 
 
 def _attachment(name: str) -> str:

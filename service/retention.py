@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
+from collections import defaultdict, deque
 from typing import Any
 
 import sqlalchemy as sa
+from starlette.concurrency import run_in_threadpool
 
 from .database import jobs as table
 from .database import now_ms
@@ -13,8 +17,12 @@ from .problems import Problem
 from .settings import Settings
 from .storage import Storage
 
+log = logging.getLogger(__name__)
+
 EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
 ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted, or a late worker's
+SCRATCH_SECONDS = 24 * 3600.0  # after which what a writer left half written is nobody's any more
+CLEAR_SECONDS = 3600.0
 
 
 class Retention:
@@ -51,11 +59,13 @@ class Retention:
         for job_id in set(stored) - known:
             if self._storage.idle_seconds(job_id) > ORPHAN_SECONDS:
                 self._storage.delete_job(job_id)
-        self._storage.clear_scratch(24 * ORPHAN_SECONDS)
+        self._storage.clear_scratch(SCRATCH_SECONDS)
         return len(expired)
 
     def make_room(self, wanted: int = 0, *, keep: str | None = None) -> None:
-        """Let the oldest results expire now until `wanted` bytes fit; none of them where that would not be enough.
+        """Let results expire now until `wanted` bytes fit; none of them where that would not be enough.
+
+        The oldest go first, of the caller whose results take most at that moment.
 
         Parameters
         ----------
@@ -76,13 +86,17 @@ class Retention:
         if short <= 0:
             return
         query = (
-            sa.select(table.c.id)
+            sa.select(table.c.id, table.c.owner)
             .where(table.c.status == "succeeded", table.c.purged_at.is_(None), table.c.id != (keep or ""))
             .order_by(table.c.finished_at, table.c.id)
         )
         with self._engine.connect() as connection:
-            sizes = {job_id: self._storage.job_bytes(job_id) for job_id in connection.execute(query).scalars()}
-        if sum(sizes.values()) < short or (lacking > 0 and not self._storage.frees_disk):
+            found = connection.execute(query).all()
+        results: defaultdict[str, deque[tuple[str, int]]] = defaultdict(deque)  # of each caller, oldest first
+        for job_id, owner in found:
+            results[owner].append((job_id, self._storage.job_bytes(job_id)))
+        taken = {owner: sum(size for _, size in each) for owner, each in results.items()}
+        if sum(taken.values()) < short or (lacking > 0 and not self._storage.frees_disk):
             limit, actual = (self._budget, used + wanted) if over == short else (free, self._min_free + wanted)
             raise Problem(
                 "disk_full",
@@ -92,9 +106,10 @@ class Retention:
                 limit=limit,
                 actual=actual,
             )
-        for job_id, size in sizes.items():
-            if short <= 0:
-                break
+        while short > 0:
+            most = max(taken, key=lambda owner: taken[owner])
+            job_id, size = results[most].popleft()
+            taken[most] -= size
             short -= size
             self._expire(job_id)
 
@@ -107,3 +122,13 @@ class Retention:
         self._jobs.forget(job_id)
         with self._engine.begin() as connection:
             connection.execute(row.values(purged_at=now))
+
+
+async def keep_clear(storage: Storage) -> None:
+    """Remove now and every hour what a writer on this machine left half written, until cancelled."""
+    while True:
+        try:
+            await run_in_threadpool(storage.clear_scratch, SCRATCH_SECONDS)
+        except OSError:
+            log.exception("what was left half written could not be removed; trying again")
+        await asyncio.sleep(CLEAR_SECONDS)

@@ -14,10 +14,11 @@ import uvicorn
 from fastapi import FastAPI
 
 from . import tracing
-from .app import create_app
+from .app import STORAGE_SECONDS, create_app
 from .process import SUPERVISOR_VARIABLE, die_with_supervisor, load_settings, observe, refuse
 from .protocol import Protocol
 from .settings import Settings, SettingsError
+from .storage import open_storage
 
 SOCKET_VARIABLE = "PCDNF_SOCKET_FD"
 BACKLOG = 2048
@@ -108,6 +109,7 @@ def main() -> None:
     die_with_supervisor()
     try:
         app = create_app(settings)
+        open_storage(settings, patience=STORAGE_SECONDS)  # or its fault would be told with a trace
         inherited = os.environ.get(SOCKET_VARIABLE)
         listener = bind(settings) if inherited is None else socket.socket(fileno=int(inherited))
     except SettingsError as error:

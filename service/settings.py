@@ -24,7 +24,12 @@ class SettingsError(Exception):
 class Settings(BaseSettings):
     """What the service reads from its environment. Every name below is prefixed with ``PCDNF_``."""
 
-    model_config = SettingsConfigDict(env_prefix="PCDNF_", env_ignore_empty=True, extra="ignore")
+    model_config = SettingsConfigDict(
+        env_prefix="PCDNF_",
+        env_ignore_empty=True,
+        extra="ignore",
+        hide_input_in_errors=True,  # a URL has a password
+    )
 
     host: str = Field(
         "127.0.0.1",

@@ -37,13 +37,16 @@ async def accept(request: Request, state: State, owner: str) -> Job:
     job_parameters(query, settings)  # before the body is read
     async with state.claims.held(owner, idempotency_key(request)) as claim:
         expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
-        if claim is None or claim.job is None:  # before the body is read
+        fresh = claim is None or claim.job is None
+        if fresh:  # before the body is read
             await run_in_threadpool(state.jobs.check_room, owner, Load(1, expected, 1))
-        await run_in_threadpool(state.retention.make_room, expected)
+            await run_in_threadpool(state.retention.make_room, expected)
         path = state.storage.scratch()
         with timed("upload", state.metrics):
             upload = await uploads.receive(request, path, settings)
         try:
+            if fresh and upload.size > expected:  # its length was not told; now the file is among what is there
+                await run_in_threadpool(state.retention.make_room)
             parameters = job_parameters([*query, *upload.fields], settings)
             if claim is not None and claim.job is not None:
                 return await run_in_threadpool(_again, state, claim, upload, parameters)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 import errno
 import shutil
 from collections.abc import Callable
@@ -9,6 +10,7 @@ import pytest
 from service_process import Served
 
 from service.attempts import Attempts
+from service.problems import Problem
 from service.storage import sha256
 
 
@@ -34,6 +36,47 @@ def test_a_format_more_keeps_to_the_disk_budget(make_served: Callable[..., Serve
     refused = alone.client.get(f"{first}/result?format=las")
     assert (refused.status_code, refused.json()["code"]) == (503, "disk_full")
     assert served.client.get(first).status_code == 200
+
+
+@pytest.mark.parametrize("gone", ["removed", "expired"])
+@pytest.mark.parametrize("moment", ["before", "reading", "converting", "written"])
+def test_a_job_that_goes_meanwhile(
+    make_served: Callable[..., Served], small: Path, monkeypatch: pytest.MonkeyPatch, gone: str, moment: str
+) -> None:
+    served = make_served()
+    state = served.app.state
+    job_id = _succeeded(served, small).rpartition("/")[2]
+    job = state.jobs.status(job_id, "anonymous")
+
+    def go() -> None:
+        if gone == "removed":
+            assert state.jobs.remove(job)
+        else:
+            state.retention._expire(job_id)
+
+    def then(owner: object, name: str) -> None:
+        """Have it go right before the method `name` of `owner`."""
+        method = getattr(owner, name)
+
+        def late(*arguments: object, **named: object) -> object:
+            go()
+            return method(*arguments, **named)
+
+        monkeypatch.setattr(owner, name, late)
+
+    if moment == "before":
+        go()
+    elif moment == "reading":
+        then(state.storage, "reading")
+    elif moment == "converting":
+        then(state.converter._children, "ask")
+    else:
+        then(state.storage, "put")
+    with pytest.raises(Problem) as caught:
+        asyncio.run(state.converter.with_format(job, "pcd"))
+    assert (caught.value.code, caught.value.status) == ("job_expired", 410)
+    assert job_id not in state.storage.job_ids()
+    assert not list((state.settings.data_dir / "scratch").iterdir())
 
 
 def test_a_full_disk_meanwhile(

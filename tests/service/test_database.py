@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import pytest
 import sqlalchemy as sa
 
 from service import database
@@ -55,6 +57,18 @@ def test_an_older_database_gets_the_columns_it_lacks(tmp_path: Path) -> None:
         assert connection.execute(sa.select(database.jobs)).all() == []
         assert connection.execute(sa.select(database.outcomes)).all() == []
     engine.dispose()
+
+
+def test_a_server_that_does_not_answer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(database.CONNECTION, "connect_timeout", 2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"postgresql://a:b@127.0.0.1:{silent.getsockname()[1]}/c"
+        engine = database.create_engine(Settings(data_dir=tmp_path, database_url=url))
+        began = time.monotonic()
+        with pytest.raises(sa.exc.OperationalError, match="timeout"):
+            engine.connect()
+        assert time.monotonic() - began < 20
+        engine.dispose()
 
 
 def test_the_clock_on_postgresql() -> None:

@@ -4,7 +4,7 @@ import hashlib
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,11 @@ import httpx
 import pytest
 import sqlalchemy as sa
 from board import Board, MakeApi
-from service_process import write_sphere
+from service_process import Served, write_sphere
 from starlette.requests import Request
 
 from service import idempotency
+from service.attempts import Attempts
 from service.database import exclusive
 from service.idempotency import Claims, fingerprint, idempotency_key
 from service.problems import Problem
@@ -99,6 +100,16 @@ def test_a_key_lives_as_long_as_its_job(make_api: MakeApi, small: Path) -> None:
     assert _post(api, small).json()["status"] == "cancelled"
     api.delete(f"/jobs/{job}")
     assert _post(api, small).json()["id"] != job
+
+
+def test_a_request_sent_again_does_not_push_its_own_job_out(make_served: Callable[..., Served], small: Path) -> None:
+    served = make_served(disk_budget_bytes=int(1.5 * small.stat().st_size))
+    first = _post(served.client, small).json()["id"]
+    attempts = Attempts(served.app.state.engine, 1000)
+    attempts.open(first)
+    attempts.succeed(first, {}, [])
+    again = _post(served.client, small)
+    assert (again.status_code, again.json()["id"], again.json()["status"]) == (202, first, "succeeded")
 
 
 def test_the_key_of_an_expired_job(make_api: MakeApi, small: Path) -> None:

@@ -9,7 +9,7 @@ from board import Board
 
 from service.database import jobs as table
 from service.job import new_id
-from service.storage import UPLOAD
+from service.storage import UPLOAD, StorageError
 
 
 def test_ids_carry_128_random_bits() -> None:
@@ -83,6 +83,18 @@ def test_cancel_queued_goes_at_once(board: Board) -> None:
     assert board.engine_state(job) == "CANCELLED"
     assert not board.path(job, UPLOAD).exists()
     assert board.attempts.open(job.id) is None
+
+
+def test_a_cancel_that_is_cut_off_is_the_workers_to_finish(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_job_id: str) -> None:
+        raise StorageError
+
+    job = board.submit()
+    monkeypatch.setattr(board.storage, "delete_job", broken)
+    with pytest.raises(StorageError):
+        board.jobs.cancel(job)
+    assert board.now(job).status == "cancelled"
+    assert board.engine_state(job) == "ENQUEUED"
 
 
 def test_cancel_running_waits_for_the_worker(board: Board) -> None:

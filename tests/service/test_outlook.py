@@ -3,9 +3,15 @@ from __future__ import annotations
 import pytest
 from board import Board
 
+from service.admission import Admission, Load
+from service.database import now_ms, workers
+from service.outlook import speed
+from service.problems import Problem
+from service.settings import Settings
 
-def _beat(board: Board, name: str = "w", speed: float = 50.0) -> None:
-    board.workers.beat(name, pid=1, state="ready", details={}, points_per_second=speed)
+
+def _beat(board: Board, name: str = "w", speed: float = 50.0, state: str = "ready") -> None:
+    board.workers.beat(name, pid=1, state=state, details={}, points_per_second=speed)
 
 
 def test_nothing_is_known_before_a_speed_is(board: Board) -> None:
@@ -44,6 +50,25 @@ def test_shared_with_the_jobs_in_hand(board: Board) -> None:
     assert board.jobs.outlook(queued).seconds_left == pytest.approx((50 + 50 + 50) / 50)
     _beat(board, "another")
     assert board.jobs.outlook(board.now(small)).seconds_left == pytest.approx((100 + 100 / 2) / 50)
+
+
+def test_workers_that_are_dead_start_or_stop_do_nothing(board: Board) -> None:
+    job, running = board.submit(points=100), board.submit(points=100)
+    board.attempts.open(running.id)
+    for name in ("at work", "dead"):
+        _beat(board, name)
+    for state in ("starting", "stopping"):
+        _beat(board, state, state=state)
+    silence = int(1000 * (board.settings.worker_stale_seconds + 1))
+    with board.engine.begin() as connection:
+        connection.execute(workers.update().where(workers.c.id == "dead").values(beat_at=now_ms() - silence))
+    assert board.jobs.outlook(job).seconds_left == pytest.approx((100 + 100) / 50)
+    assert board.jobs.outlook(board.now(running)).seconds_left == pytest.approx(100 / 50)
+    with board.engine.connect() as connection:
+        assert speed(connection, board.settings.worker_stale_seconds) == 50
+        with pytest.raises(Problem) as caught:
+            Admission(Settings(max_caller_points=250)).check(connection, "ada", Load(100, 0, 1))
+    assert caught.value.headers["Retry-After"] == "1"  # 50 points too many, at 50 a second
 
 
 def test_a_finished_job(board: Board) -> None:

@@ -37,6 +37,26 @@ def test_what_a_late_worker_left_goes(board: Board, ended: str) -> None:
     assert left == {"succeeded": kept, "failed": set(), "removed": set(), "running": everything}[ended]
 
 
+@pytest.mark.parametrize("ended", ["succeeded", "cancelled"])
+def test_what_a_kill_left_after_the_end_goes(board: Board, ended: str) -> None:
+    models: Any = None
+    pipeline.install(Runtime(board.settings, board.storage, board.engine, models, Turns()))
+    job = board.submit()
+    for name in ("tiles/0-0-1.npz", "result-1.ply"):
+        scratch = board.storage.scratch()
+        scratch.write_bytes(b"x")
+        board.storage.put(scratch, job_file(job.id, name))
+    if ended == "succeeded":
+        board.attempts.open(job.id)
+        board.attempts.succeed(job.id, {"ply": {"file": "result-1.ply", "size": 1, "sha256": ""}}, [])
+    else:
+        board.set(job.id, status="cancelled")
+    assert pipeline.denoise.__wrapped__(job.id) == "gone"  # type: ignore[attr-defined]
+    folder = board.settings.data_dir / "jobs" / job.id
+    left = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    assert left == ({UPLOAD, "result-1.ply"} if ended == "succeeded" else set())
+
+
 def test_a_late_report_changes_no_job_that_has_ended(board: Board) -> None:
     job = board.submit(points=100)
     board.attempts.open(job.id)

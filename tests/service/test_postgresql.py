@@ -91,6 +91,16 @@ def test_submit_resume_cancel_remove(database_url: str, tmp_path: Path) -> None:
     assert service.stop() == 0, service.output()
 
 
+def test_a_machine_that_goes_is_noticed(database_url: str, tmp_path: Path) -> None:
+    for url, more in ((database_url, {}), (f"{database_url}?connect_timeout=77", {"connect_timeout": 77})):
+        engine = database.create_engine(Settings(data_dir=tmp_path, database_url=url))
+        with engine.connect() as connection:
+            parameters = connection.connection.dbapi_connection.info.get_parameters()  # type: ignore[union-attr]
+        engine.dispose()
+        expected = {name: str(value) for name, value in (database.CONNECTION | more).items()}
+        assert {name: parameters[name] for name in expected} == expected
+
+
 def test_who_freezes_in_a_transaction_loses_its_locks(
     database_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,9 +1,13 @@
 from __future__ import annotations
 
 import pytest
+from board import Board
+from starlette.requests import Request
 
 from pcdnf.file_formats import available
-from service.results import MEDIA_TYPES, _accepted
+from service.problems import Problem
+from service.results import MEDIA_TYPES, _accepted, respond, respond_display
+from service.storage import DISPLAY
 
 
 @pytest.mark.parametrize(
@@ -43,6 +47,29 @@ def test_accept(accept: str, expected: str | None, own: str) -> None:
 )
 def test_accept_beyond_ply_and_npz(accept: str, own: str, expected: str) -> None:
     assert _accepted(accept, own) == expected
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD"])
+def test_files_that_go_while_they_are_asked_for(board: Board, monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    job = board.submit()
+    board.attempts.open(job.id)
+    board.attempts.succeed(job.id, {"ply": {"size": 1, "sha256": "00" * 32}}, [])
+    request = Request({"type": "http", "method": method, "headers": []})
+    with pytest.raises(Problem) as caught:
+        respond(request, board.now(job), board.storage, "ply")
+    assert caught.value.code == "job_expired"
+    board.path(job, DISPLAY).touch()
+    size = board.storage.size
+
+    def last_size(name: str) -> int:
+        found = size(name)
+        board.path(job, DISPLAY).unlink()
+        return found
+
+    monkeypatch.setattr(board.storage, "size", last_size)
+    with pytest.raises(Problem) as caught:
+        respond_display(request, board.now(job), board.storage)
+    assert caught.value.code == "job_expired"
 
 
 def test_every_format_there_is_has_a_media_type() -> None:

@@ -14,9 +14,9 @@ from service.problems import Problem
 from service.storage import UPLOAD
 
 
-def _finished(board: Board, size: int = 100, status: str = "succeeded") -> Job:
+def _finished(board: Board, size: int = 100, status: str = "succeeded", owner: str = "ada") -> Job:
     """Return a job that has ended, whose files have so many bytes."""
-    job = board.submit()
+    job = board.submit(owner=owner)
     board.attempts.open(job.id)
     if status == "succeeded":
         board.attempts.succeed(job.id, {}, [])
@@ -53,6 +53,17 @@ def test_the_oldest_results_make_room(make_board: Callable[..., Board]) -> None:
     assert board.storage.used_bytes() <= 400
 
 
+def test_results_of_who_has_most_go_first(make_board: Callable[..., Board]) -> None:
+    board = make_board(disk_budget_bytes=1000)
+    modest = [_finished(board, 200, owner="ada")]
+    greedy = [_finished(board, owner="bob") for _ in range(6)]
+    board.retention.make_room(600)
+    assert _kept(board, modest) == [True]  # though it is the oldest
+    assert _kept(board, greedy) == [False] * 4 + [True] * 2
+    board.retention.make_room(700)  # both have as much
+    assert _kept(board, modest + greedy[4:]) == [False, True, True]
+
+
 def test_nothing_goes_in_vain(make_board: Callable[..., Board]) -> None:
     board = make_board(disk_budget_bytes=1000)
     jobs = [_finished(board) for _ in range(3)]
@@ -84,6 +95,43 @@ def test_over_http(make_api: MakeApi, small: Path) -> None:
     assert refused.json()["limit"] == int(2.5 * size)
     api.delete(f"/jobs/{api.get('/jobs').json()[0]['id']}")
     assert api.post("/denoise", files={"file": small.read_bytes()}).status_code == 202
+
+
+def test_an_upload_that_does_not_tell_its_length_keeps_to_the_budget(make_api: MakeApi, small: Path) -> None:
+    size = small.stat().st_size
+    api = make_api(disk_budget_bytes=int(2.5 * size))
+    headers = {"Content-Type": "application/ply"}
+
+    def post() -> int:
+        return api.post("/denoise", content=iter([small.read_bytes()]), headers=headers).status_code
+
+    assert [post() for _ in range(3)] == [202, 202, 503]
+    assert len(api.get("/jobs").json()) == 2
+
+
+def test_an_api_without_a_worker_clears_its_scratch(
+    make_api: MakeApi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.retention.CLEAR_SECONDS", 0.2)
+    scratch = tmp_path / "data" / "scratch"
+    scratch.mkdir(parents=True)
+
+    def left() -> set[str]:
+        return {path.name for path in scratch.iterdir()}
+
+    def wait_for_old_to_go() -> None:
+        (scratch / "old").touch()
+        os.utime(scratch / "old", (1, 1))
+        deadline = time.monotonic() + 20
+        while "old" in left():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    (scratch / "new").touch()
+    make_api()
+    for _ in range(2):
+        wait_for_old_to_go()
+    assert left() == {"new"}
 
 
 def test_the_worker_looks_after_it(tmp_path: Path, small: Path) -> None:

@@ -15,6 +15,8 @@ import httpx
 import pytest
 from service_process import Service, write_sphere
 
+from service.process import EX_CONFIG
+
 
 def test_a_stopping_service_says_so_until_the_tile_is_finished(tmp_path: Path, small: Path) -> None:
     service = Service(tmp_path, tile_points=40_000, grace_seconds=60).start()
@@ -36,6 +38,17 @@ def test_a_stopping_service_says_so_until_the_tile_is_finished(tmp_path: Path, s
         client.get("/livez")
     service.process = None
     assert "tile 0-40000 done" in service.output()
+
+
+@pytest.mark.parametrize("module", ["service.server", "service.worker", "service"])
+def test_a_storage_that_cannot_be_is_refused_with_a_sentence(tmp_path: Path, module: str) -> None:
+    service = Service(tmp_path, storage_url="file:///proc/nope", port=0)
+    ended = subprocess.run(
+        [sys.executable, "-m", module], env=service.environment, capture_output=True, text=True, timeout=120
+    )
+    assert ended.returncode == EX_CONFIG
+    assert "pcdnf: file:///proc/nope cannot be used for storage" in ended.stderr
+    assert "Traceback" not in ended.stderr
 
 
 def test_an_upload_in_hand_is_taken_before_the_api_ends(tmp_path: Path, small: Path) -> None:

@@ -30,6 +30,13 @@ def test_environment_and_empty_values(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert settings.resolved_database_url == f"sqlite:///{tmp_path}/pcdnf.sqlite"
 
 
+def test_a_wrong_value_is_not_told_with_its_password() -> None:
+    for url in ("mysql://ada:secret@host/name", "postgresql://ada:secret@host:port/name"):
+        with pytest.raises(ValidationError) as caught:
+            Settings(database_url=url, max_points=0)
+        assert "secret" not in str(caught.value)
+
+
 def test_postgresql_url_and_worker_name() -> None:
     settings = Settings(database_url="postgresql://a:b@c/d")
     assert settings.resolved_database_url == "postgresql+psycopg://a:b@c/d"
