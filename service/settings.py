@@ -68,14 +68,15 @@ class Settings(BaseSettings):
     min_free_bytes: int = Field(
         256 * MIB,
         ge=0,
-        description="Free disk space in bytes below which the oldest results expire early; where that is not enough, "
+        description="Free disk space in bytes below which results expire early; where that is not enough, "
         "the service is not ready and takes no upload.",
     )
     disk_budget_bytes: int = Field(
         0,
         ge=0,
-        description="Bytes that uploads, tiles and results may take together; beyond it the oldest results expire "
-        "early, and where that is not enough uploads are answered 503. 0: as much as there is room for.",
+        description="Bytes that uploads, tiles and results may take together; beyond it the oldest results of the "
+        "key that has most expire early, and where that is not enough uploads are answered 503. 0: as much as there is "
+        "room for.",
     )
 
     max_upload_bytes: int = Field(512 * MIB, ge=1, description="Largest request body in bytes.")
