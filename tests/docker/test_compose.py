@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -173,3 +174,17 @@ def test_replicas_behind_one_port_of_this_machine(scaled: dict[str, Any]) -> Non
     assert "./docker/nginx.scale.conf:/etc/nginx/nginx.conf:ro" in scaled["proxy"]["volumes"]
     assert "set $api http://api:8000;" in nginx
     assert "listen 8080;" in nginx
+
+
+def test_the_proxy_asks_the_engines_own_name_service_and_another_replica(
+    tmp_path: Path, scaled: dict[str, Any]
+) -> None:
+    nginx = (ROOT / "docker" / "nginx.scale.conf").read_text()
+    assert "include /tmp/resolver.conf;" in nginx
+    assert "proxy_next_upstream error timeout;" in nginx  # a replica that is gone does not refuse, it is silent
+    shell, option, script = scaled["proxy"]["command"]
+    names, found = tmp_path / "resolv.conf", tmp_path / "resolver.conf"
+    names.write_text("search dns.podman\nnameserver 10.89.1.1\nnameserver 192.0.2.53\n")
+    script = script.replace("$$", "$").replace("/etc/resolv.conf", str(names)).replace("/tmp/resolver.conf", str(found))
+    subprocess.run([shell, option, script.replace("exec nginx", ": nginx")], check=True)
+    assert found.read_text() == "resolver 10.89.1.1 valid=5s ipv6=off;\n"
