@@ -53,10 +53,10 @@ class Cloud:
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
-        shape = random_shape(rng, int(rng.uniform(40_000, 100_000)))
+        shape = random_shape(rng, int(rng.uniform(20_000, 60_000)))
         self.clean, self.normals = shape.points, np.float32(shape.normals)
         self.tree = cKDTree(self.clean)
-        level = float(np.exp(rng.uniform(*np.log([0.003, 0.02]))))
+        level = float(np.exp(rng.uniform(*np.log([0.003, 0.01]))))
         self.noisy = self.clean + rng.normal(size=self.clean.shape) * level
         scale = Scale(level, clean_spacing(self.tree))
         self.radius = LITE.recipe.adaptive_radius(scale)
