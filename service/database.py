@@ -212,6 +212,20 @@ def migrate(settings: Settings) -> None:
             engine.dispose()
 
 
+def lacking(engine: sa.Engine) -> str | None:
+    """Return the first table or column of ours that a database does not have."""
+    schema = sa.inspect(engine)
+    tables = set(schema.get_table_names())
+    for table in metadata.sorted_tables:
+        if table.name not in tables:
+            return table.name
+        known = {column["name"] for column in schema.get_columns(table.name)}
+        for column in table.columns:
+            if column.name not in known:
+                return f"{table.name}.{column.name}"
+    return None
+
+
 def _add_columns(connection: sa.Connection) -> None:
     """Give the tables of an older version the columns they lack; a column added later may be NULL."""
     schema = sa.inspect(connection)

@@ -169,7 +169,7 @@ def _database(settings: Settings) -> Iterator[Finding]:
         return
     engine = database.create_engine(settings)
     try:
-        lacking = _lacking(engine)
+        lacking = database.lacking(engine)
         if lacking:
             advice = "Nothing to do: the next start upgrades it. There is no way back, so make a copy first."
             yield Finding("database", "warning", f"{name} is of an older version: it lacks {lacking}.", advice)
@@ -183,20 +183,6 @@ def _database(settings: Settings) -> Iterator[Finding]:
         yield Finding("database", "problem", text, "Look at PCDNF_DATABASE_URL, and whether the server runs.")
     finally:
         engine.dispose()
-
-
-def _lacking(engine: sa.Engine) -> str | None:
-    """Return the first table or column of ours that a database does not have."""
-    schema = sa.inspect(engine)
-    tables = set(schema.get_table_names())
-    for table in database.metadata.sorted_tables:
-        if table.name not in tables:
-            return table.name
-        known = {column["name"] for column in schema.get_columns(table.name)}
-        for column in table.columns:
-            if column.name not in known:
-                return f"{table.name}.{column.name}"
-    return None
 
 
 def _keys(settings: Settings) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ LOOK_SECONDS, TELL_SECONDS = 1.0, 10.0
 
 
 def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
-    """Turn draining on or off, or leave it with None, and print how the service stands.
+    """Turn draining on or off, or leave it and the database as they are with None, and print how the service stands.
 
     Parameters
     ----------
@@ -29,10 +29,18 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
     Raises
     ------
     SettingsError
-        If there is no job database where the settings say.
+        If there is no job database where the settings say, or, with None, one of an older version.
     """
-    engine = open_existing(settings)
+    engine = _open(settings)
     try:
+        lacking = database.lacking(engine)
+        if lacking and on is None:
+            raise SettingsError(
+                f"The job database has no {lacking}: it is empty, or of an older version, and is upgraded when the "
+                "service starts."
+            )
+        if lacking:
+            database.migrate(settings)
         if on is not None:
             with engine.begin() as connection:
                 switches.turn(connection, switches.DRAIN, on=on)
@@ -46,13 +54,13 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
                 return
             time.sleep(LOOK_SECONDS)
     except SQLAlchemyError as error:
-        raise SettingsError(f"The job database does not answer: {type(error).__name__}.") from error
+        raise SettingsError(f"The job database cannot be reached: {type(error).__name__}.") from error
     finally:
         engine.dispose()
 
 
-def open_existing(settings: Settings) -> sa.Engine:
-    """Return the engine of the job database, upgraded to this version; none is made where there is none.
+def _open(settings: Settings) -> sa.Engine:
+    """Return the engine of the job database; none is made where there is none.
 
     Raises
     ------
@@ -63,10 +71,6 @@ def open_existing(settings: Settings) -> sa.Engine:
         raise SettingsError(
             f"There is no job database at {url.database}. Set PCDNF_DATA_DIR, or --data-dir, to the service's folder."
         )
-    try:
-        database.migrate(settings)
-    except (SQLAlchemyError, OSError) as error:
-        raise SettingsError(f"The job database cannot be reached: {type(error).__name__}.") from error
     return database.create_engine(settings)
 
 

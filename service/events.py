@@ -24,7 +24,8 @@ HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # a proxy th
 
 def event_id(job: Job, outlook: Outlook) -> str:
     """Return what tells this state of a job from its others."""
-    return f"{job.status}-{job.done if outlook.queue_position is None else outlook.queue_position}"
+    planned = "-planned" if "plan" in (job.execution or {}) else ""  # with it the corrected total
+    return f"{job.status}-{job.done if outlook.queue_position is None else outlook.queue_position}{planned}"
 
 
 def respond(follower: Follower, last_id: str | None) -> StreamingResponse:

@@ -193,12 +193,14 @@ class Jobs:
 
     def remove(self, job: Job) -> bool:
         """Remove a finished job, its files and its row; False if it is live."""
+        ended = (table.c.id == job.id) & table.c.status.in_(FINISHED)
+        with self._engine.connect() as connection:
+            if connection.execute(sa.select(table.c.id).where(ended)).scalar() is None:
+                return False
+        self.forget(job.id)  # first: without our row nobody would know of it, while files without one are purged
         with self._engine.begin() as connection:
-            query = table.delete().where(table.c.id == job.id, table.c.status.in_(FINISHED))
-            removed = connection.execute(query).rowcount == 1
-        if removed:
-            self._storage.delete_job(job.id)
-            self.forget(job.id)
+            removed = connection.execute(table.delete().where(ended)).rowcount == 1
+        self._storage.delete_job(job.id)
         return removed
 
     def forget(self, job_id: str) -> None:

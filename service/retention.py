@@ -10,8 +10,8 @@ from typing import Any
 import sqlalchemy as sa
 from starlette.concurrency import run_in_threadpool
 
+from .database import idempotency, now_ms
 from .database import jobs as table
-from .database import now_ms
 from .jobs import Jobs
 from .problems import Problem
 from .settings import Settings
@@ -20,6 +20,7 @@ from .storage import Storage
 log = logging.getLogger(__name__)
 
 EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
+LEASE_KEPT_MS = 3600 * 1000  # after it ran out, of an idempotency key whose API died before it had a job
 ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted, or a late worker's
 SCRATCH_SECONDS = 24 * 3600.0  # after which what a writer left half written is nobody's any more
 CLEAR_SECONDS = 3600.0
@@ -53,6 +54,8 @@ class Retention:
             self._expire(job_id)
         with self._engine.begin() as connection:
             connection.execute(table.delete().where(table.c.purged_at < now - EXPIRED_ROWS_KEPT_MS))
+            unbound = idempotency.c.job.is_(None) & (idempotency.c.lease_until < now - LEASE_KEPT_MS)
+            connection.execute(idempotency.delete().where(unbound))
         stored = self._storage.job_ids()  # before the rows are read, since a file comes before its row
         with self._engine.connect() as connection:
             known = set(connection.execute(sa.select(table.c.id).where(table.c.purged_at.is_(None))).scalars())

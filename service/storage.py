@@ -2,7 +2,8 @@
 
 A name is a relative path such as ``jobs/<id>/upload``. Writers fill a local file of their own and hand it over with
 :meth:`Storage.put`, which is atomic and durable; readers ask for a local path or for the bytes. A file that another
-process might write, too, gets a name that nobody else has (:func:`own_name`), so that what was told of it stays true.
+process might write, too, gets a name that nobody else has (:func:`own_name`), so that what was told of it stays true;
+but those of which nothing is told and that come out alike whoever writes them, such as what the page draws.
 """
 
 from __future__ import annotations

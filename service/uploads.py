@@ -36,7 +36,6 @@ FALLBACK_NAME = "cloud"
 class Upload:
     """What arrived."""
 
-    path: Path
     name: str  # the cleaned stem of the caller's file name; never used as a path
     size: int
     sha256: str  # of the file, in hex
@@ -71,9 +70,9 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
     try:
         with path.open("wb") as file:
             if content_type == "multipart/form-data":
-                upload = await _multipart(request, options.get(b"boundary", b""), _Sink(file.fileno(), settings), path)
+                upload = await _multipart(request, options.get(b"boundary", b""), _Sink(file.fileno(), settings))
             else:
-                upload = await _raw(request, _Sink(file.fileno(), settings), path)
+                upload = await _raw(request, _Sink(file.fileno(), settings))
     except BaseException as error:
         path.unlink(missing_ok=True)
         if isinstance(error, ClientDisconnect):
@@ -138,20 +137,20 @@ class _Sink:
         while view:
             view = view[os.write(self._descriptor, view) :]
 
-    def finished(self, path: Path, name: str, fields: Iterable[tuple[str, str]] = ()) -> Upload:
+    def finished(self, name: str, fields: Iterable[tuple[str, str]] = ()) -> Upload:
         """Return what was written."""
-        return Upload(path, name, self.size, self._hash.hexdigest(), list(fields))
+        return Upload(name, self.size, self._hash.hexdigest(), list(fields))
 
 
-async def _raw(request: Request, sink: _Sink, path: Path) -> Upload:
+async def _raw(request: Request, sink: _Sink) -> Upload:
     async for chunk in chunks(request, sink.settings):
         sink.add(chunk)
         await sink.flush()
     await sink.flush(everything=True)
-    return sink.finished(path, FALLBACK_NAME)
+    return sink.finished(FALLBACK_NAME)
 
 
-async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path) -> Upload:
+async def _multipart(request: Request, boundary: bytes, sink: _Sink) -> Upload:
     form = _Form(sink)
     received = 0
     try:
@@ -182,7 +181,7 @@ async def _multipart(request: Request, boundary: bytes, sink: _Sink, path: Path)
         raise Problem("invalid_upload", "The multipart body is malformed or incomplete.")
     if form.files != 1:
         raise _not_one_file(form.files)
-    upload = sink.finished(path, clean_name(form.file_name), form.fields)
+    upload = sink.finished(clean_name(form.file_name), form.fields)
     ending = SUFFIXES.get(_suffix(form.file_name or ""))
     upload.is_text = form.content_type in TEXT_TYPES or ending in TEXT_FORMATS
     return upload

@@ -51,9 +51,11 @@ def away(url: str) -> Iterator[None]:
     user = data.owner() if os.getuid() == 0 else None
     options = shlex.split((data / "postmaster.opts").read_text())[3:]
     subprocess.run([*control, "-m", "immediate", "stop"], user=user, check=True, capture_output=True)
-    yield
-    start = [*control, "-l", data.parent / "log", "-o", shlex.join(options), "start"]
-    subprocess.run(start, user=user, check=True, capture_output=True)
+    try:
+        yield
+    finally:
+        start = [*control, "-l", data.parent / "log", "-o", shlex.join(options), "start"]
+        subprocess.run(start, user=user, check=True, capture_output=True)
 
 
 def test_a_worker_that_stops_while_the_database_is_away(tmp_path: Path) -> None:

@@ -2,15 +2,43 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
-from apart import TILE, Apart, nothing_left_over, tiles, until
+from apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
 from service_process import write_sphere
 
 POINTS = 3 * TILE
+DIES_ONCE = """
+import importlib.util, os, signal, sys
+
+class Injector:
+    def find_spec(self, name, path=None, target=None):
+        if name != "service.storage":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        load = spec.loader.exec_module
+        def exec_module(module):
+            load(module)
+            clear = module.LocalStorage.delete_job
+            def dies(self, job_id, *, keep=frozenset()):
+                if keep and not os.path.exists(os.environ["DIED"]):
+                    open(os.environ["DIED"], "w").close()
+                    os.kill(os.getpid(), signal.SIGKILL)
+                clear(self, job_id, keep=keep)
+            module.LocalStorage.delete_job = dies
+        spec.loader.exec_module = exec_module
+        return spec
+
+sys.meta_path.insert(0, Injector())
+"""
 
 
 def _done(service: Apart, folder: Path) -> int:
@@ -61,6 +89,69 @@ def test_killed_worker(service: Apart, undisturbed: tuple[Path, bytes], window: 
     for half_written in (service.data / "scratch").iterdir():  # goes by its age, see test_retention.py
         half_written.unlink()
     nothing_left_over(service)
+
+
+def test_killed_between_the_end_and_the_clearing(undisturbed: tuple[Path, bytes], tmp_path: Path) -> None:
+    path, expected = undisturbed
+    (tmp_path / "sitecustomize.py").write_text(DIES_ONCE)
+    service = Apart(tmp_path / "service", tile_points=TILE)
+    found = [str(tmp_path), service.environment.get("PYTHONPATH", "")]
+    service.environment |= {"PYTHONPATH": os.pathsep.join(found), "DIED": str(tmp_path / "died")}
+    service.start()
+    job = service.submit(path)["id"]
+    assert service.workers["worker-0"].wait(120) == -signal.SIGKILL
+    assert service.job(job)["status"] == "succeeded"
+    folder = service.data / "jobs" / job
+    assert (folder / "tiles").exists()
+    service.start_worker()
+    until(lambda: not (folder / "tiles").exists())
+    assert service.client.get(f"/jobs/{job}/result").content == expected
+    until(lambda: len(list(folder.iterdir())) == 4)
+    nothing_left_over(service)
+    assert service.stop() == 0, service.output()
+
+
+def test_api_killed_in_the_middle_of_an_upload(service: Apart, undisturbed: tuple[Path, bytes], tmp_path: Path) -> None:
+    path, expected = undisturbed
+    content, key = path.read_bytes(), {"Idempotency-Key": tmp_path.name, "Content-Type": "application/ply"}
+    assert service.process is not None
+    before = {job["id"] for job in service.client.get("/jobs?limit=100").json()}
+
+    def half() -> Iterator[bytes]:
+        yield content[: len(content) // 2]
+        until(lambda: list((service.data / "scratch").iterdir()))
+        assert service.process is not None
+        service.process.kill()
+        service.process.wait()
+        yield content[len(content) // 2 :]
+
+    with pytest.raises(httpx.TransportError):
+        service.client.post("/denoise?iterations=1", content=half(), headers=key)
+    service.start_api()
+    held = service.client.post("/denoise?iterations=1", content=content, headers=key)
+    if held.status_code == 409:  # until the lease of the dead runs out
+        assert held.json()["code"] == "idempotency_key_in_use"
+    answer = until(lambda: _taken(service, content, key))
+    again = service.client.post("/denoise?iterations=1", content=content, headers=key).json()
+    assert again["id"] == answer["id"]
+    assert succeeded(service, answer["id"]) == expected
+    assert {job["id"] for job in service.client.get("/jobs?limit=100").json()} == before | {answer["id"]}
+    (left,) = (service.data / "scratch").iterdir()
+    os.utime(left, (1, 1))  # a day later
+    assert service.process is not None
+    service.process.kill()
+    service.process.wait()
+    service.start_api()  # which looks at its start
+    until(lambda: not left.exists())
+    nothing_left_over(service)
+
+
+def _taken(service: Apart, content: bytes, headers: dict[str, str]) -> dict[str, Any] | None:
+    answer = service.client.post("/denoise?iterations=1", content=content, headers=headers)
+    if answer.status_code == 202:
+        return dict(answer.json())
+    time.sleep(0.5)
+    return None
 
 
 def test_killed_right_after_202(service: Apart, undisturbed: tuple[Path, bytes]) -> None:

@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 from board import Board
 from service_process import Service, write_sphere
 
+from service import database
 from service.drain import drain
 from service.process import EX_CONFIG
 from service.settings import Settings, SettingsError
@@ -38,6 +40,24 @@ def test_nothing_is_made_where_no_service_was(tmp_path: Path) -> None:
     assert not (tmp_path / "nothing").exists()
     with pytest.raises(SettingsError, match="reached"):
         drain(Settings(data_dir=tmp_path, database_url="postgresql://a:b@127.0.0.1:1/c"), on=True, wait=False)
+
+
+def test_to_look_changes_no_older_or_empty_database(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    (tmp_path / "pcdnf.sqlite").touch()
+    with pytest.raises(SettingsError, match="no pcdnf_"):
+        drain(settings, on=None, wait=False)
+    assert not (tmp_path / "pcdnf.sqlite").stat().st_size
+    drain(settings, on=True, wait=False)
+    engine = database.create_engine(settings)
+    with engine.begin() as connection:
+        connection.execute(sa.text("ALTER TABLE pcdnf_workers DROP COLUMN metrics"))
+    with pytest.raises(SettingsError, match=r"no pcdnf_workers\.metrics"):
+        drain(settings, on=None, wait=False)
+    assert database.lacking(engine) == "pcdnf_workers.metrics"
+    drain(settings, on=False, wait=False)
+    assert database.lacking(engine) is None
+    engine.dispose()
 
 
 def test_it_says_what_is_left_and_who_works(board: Board, capsys: pytest.CaptureFixture[str]) -> None:

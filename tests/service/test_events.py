@@ -15,6 +15,9 @@ from board import MakeApi
 from service_process import Served, Service, write_sphere
 
 from service import events
+from service.attempts import Attempts
+from service.models import Models
+from service.settings import Settings
 
 Event = dict[str, str]
 
@@ -73,6 +76,26 @@ def test_coming_back_with_the_last_id(make_api: MakeApi, small: Path) -> None:
         last = next(told)  # not the first again
         assert json.loads(last["data"])["status"] == "cancelled"
         assert list(told) == []
+
+
+def test_the_plan_and_the_true_total_are_told_before_the_first_tile(
+    make_served: Callable[..., Served], small: Path
+) -> None:
+    served = make_served()
+    job = _submit(served.client, small)
+    attempts = Attempts(served.app.state.engine, 1000)
+    runs = Models(Settings(device="cpu")).execution("pcdnf-lite")
+    with served.client.stream("GET", f"/jobs/{job}/events") as response:
+        told = _events(response)
+        next(told), next(told)
+        attempts.open(job)
+        attempts.update(job, execution=runs)
+        assert json.loads(next(told)["data"])["status"] == "running"
+        plan = {"noise": 0.1, "spacing": 0.1, "radii": [0.1, 0.1, 0.1]}
+        attempts.update(job, execution=runs | {"plan": plan}, total=6000)
+        shown = json.loads(next(told)["data"])
+        assert (shown["progress"]["done"], shown["progress"]["total"]) == (0, 6000)
+        assert shown["execution"]["plan"]["radii"] == plan["radii"]
 
 
 def test_heartbeats(make_api: MakeApi, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,6 +131,20 @@ def test_remove(board: Board) -> None:
     assert not board.path(job, UPLOAD).exists()
 
 
+def test_a_removal_that_is_cut_off_leaves_nothing_that_is_not_purged(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_job_id: str) -> None:
+        raise StorageError
+
+    job = board.submit()
+    board.jobs.cancel(job)
+    monkeypatch.setattr(board.storage, "delete_job", broken)
+    with pytest.raises(StorageError):
+        board.jobs.remove(job)
+    assert board.engine_state(job) is None
+
+
 def test_a_text_that_is_no_id_never_reaches_the_database(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     job = board.submit()
     monkeypatch.setattr(board.jobs, "_engine", None)

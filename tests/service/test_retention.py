@@ -6,9 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 from board import Board, MakeApi
 from service_process import Service
 
+from service.database import idempotency
+from service.idempotency import Claims
 from service.job import Job
 from service.problems import Problem
 from service.storage import UPLOAD
@@ -167,6 +170,17 @@ def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None
     board.set(expired.id, purged_at=1)
     board.retention.purge()
     assert board.attempts.get(expired.id) is None
+
+
+def test_purge_removes_keys_that_never_had_a_job(board: Board) -> None:
+    claims = Claims(board.engine)
+    kept, old = (claims.claim("ada", key) for key in ("kept", "old"))
+    with board.engine.begin() as connection:
+        long_ago = idempotency.update().where(idempotency.c.key == old.key).values(lease_until=1)
+        connection.execute(long_ago)
+    board.retention.purge()
+    with board.engine.connect() as connection:
+        assert list(connection.execute(sa.select(idempotency.c.key)).scalars()) == [kept.key]
 
 
 def test_purge_removes_uploads_that_were_never_accepted(board: Board) -> None:

@@ -108,6 +108,28 @@ def test_nothing_is_left_of_a_writing_that_fails(storage: Storage) -> None:
     assert storage.job_ids() == []
 
 
+def test_what_is_put_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced = []
+    fsync = os.fsync
+
+    def noted(descriptor: int) -> None:
+        path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+        synced.append((path, path.parent.name == "scratch" or (tmp_path / "jobs" / "a" / "upload").exists()))
+        fsync(descriptor)
+
+    storage = LocalStorage(tmp_path)
+    monkeypatch.setattr(os, "fsync", noted)
+    scratch = storage.scratch()
+    scratch.write_bytes(b"x")
+    storage.put(scratch, job_file("a", "upload"))
+    # The file under its first name; then, once it has its last one, the folders that name it.
+    assert synced == [(scratch, True), (tmp_path / "jobs" / "a", True), (tmp_path / "jobs", True)]
+    synced.clear()
+    scratch.write_bytes(b"y")
+    storage.put(scratch, job_file("a", "result.ply"))
+    assert [path for path, _ in synced] == [scratch, tmp_path / "jobs" / "a"]
+
+
 def test_a_folder_that_was_not_touched(tmp_path: Path) -> None:
     storage = LocalStorage(tmp_path)
     _put(storage, job_file("old", "upload"))
