@@ -29,12 +29,14 @@ from .metrics import ApiMetrics, Deployment
 from .middleware import Guard
 from .observer import Observer
 from .openapi import (
+    CALLER,
     DELETED,
     DENOISE_BODY,
     DENOISE_PARAMETERS,
     DENOISED,
     DISPLAY_RESPONSES,
     EVENTS,
+    JOB,
     NOT_MODIFIED,
     RESULT_RESPONSES,
     errors,
@@ -75,7 +77,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=_lifespan,
         docs_url=None,  # see pages
         redoc_url=None,
-        responses=errors(403, 500, 503),
+        responses=errors(),
     )
     app.state.settings = settings
     app.state.keys = Keys.of(settings)
@@ -140,7 +142,7 @@ FollowerIn = Annotated[Follower, Depends(_follower)]
 
 
 def _routes(app: FastAPI) -> None:
-    @app.get("/models", tags=["models"], dependencies=[Depends(caller)], responses=errors(401, 429))
+    @app.get("/models", tags=["models"], dependencies=[Depends(caller)], responses=errors(*CALLER))
     async def models(state: StateIn) -> list[Model]:
         """Return the models that jobs may name."""
         default = state.settings.default_model
@@ -151,7 +153,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         status_code=202,
         response_model=JobView,
-        responses=DENOISED | errors(400, 401, 408, 409, 410, 413, 415, 422, 429),
+        responses=DENOISED,
         openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
     )
     async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
@@ -171,7 +173,7 @@ def _routes(app: FastAPI) -> None:
         "/jobs",
         tags=["jobs"],
         dependencies=[Depends(only_query("limit", "before"))],
-        responses=errors(401, 422, 429),
+        responses=errors(*CALLER, "invalid_parameters"),
     )
     def jobs(
         state: StateIn,
@@ -190,7 +192,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_model=JobView,
         dependencies=[Depends(only_query())],
-        responses=NOT_MODIFIED | errors(401, 404, 410, 422, 429),
+        responses=NOT_MODIFIED | errors(*JOB),
     )
     def status(request: Request, state: StateIn, job: JobIn) -> Response:
         """Return the state of a job."""
@@ -201,7 +203,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_class=StreamingResponse,
         dependencies=[Depends(only_query())],
-        responses=EVENTS | errors(401, 404, 410, 422, 429),
+        responses=EVENTS | errors(*JOB),
     )
     async def follow(
         follower: FollowerIn,
@@ -217,7 +219,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_model=JobView,
         dependencies=[Depends(only_query())],
-        responses=DELETED | errors(401, 404, 410, 422, 429),
+        responses=DELETED | errors(*JOB, "storage_unavailable"),
     )
     def delete(request: Request, state: StateIn, job: JobIn) -> Response:
         """Cancel a live job, or remove a finished one; upload and result are removed either way."""
@@ -238,7 +240,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_class=Response,
         dependencies=[Depends(only_query("format"))],
-        responses=RESULT_RESPONSES | errors(401, 404, 406, 409, 410, 416, 422, 429),
+        responses=RESULT_RESPONSES,
     )
     async def result(
         request: Request,
@@ -262,7 +264,7 @@ def _routes(app: FastAPI) -> None:
         tags=["jobs"],
         response_class=Response,
         dependencies=[Depends(only_query())],
-        responses=DISPLAY_RESPONSES | errors(401, 404, 409, 410, 422, 429),
+        responses=DISPLAY_RESPONSES,
     )
     def display(request: Request, state: StateIn, job: JobIn) -> Response:
         """Return what the page at `/` draws: at most a million points before and after, as binary glTF."""

@@ -17,7 +17,7 @@ import pcdnf
 from . import catalogue
 from .auth import caller
 from .health import Readiness, readiness
-from .openapi import METRICS, errors
+from .openapi import CALLER, METRICS, errors
 from .problems import Problem
 from .state import State, StateIn
 
@@ -68,7 +68,7 @@ def install(app: FastAPI) -> None:
         """Answer while the event loop of the API runs."""
         return {"status": "alive"}
 
-    @app.get("/readyz", tags=["probes"])
+    @app.get("/readyz", tags=["probes"], responses=errors("not_ready"))
     def ready(state: StateIn) -> Readiness:
         """Answer 200 once a worker has loaded and warmed its model, and database and disk are in order."""
         return _readiness(state)
@@ -78,14 +78,14 @@ def install(app: FastAPI) -> None:
         tags=["probes"],
         response_class=Response,
         dependencies=[Depends(caller)],
-        responses=METRICS | errors(401, 422, 429),
+        responses=METRICS | errors(*CALLER, "invalid_parameters"),
     )
     def metrics(state: StateIn, accept: Annotated[str, Header()] = "") -> Response:
         """Return what Prometheus collects; asks for a key where the service has keys."""
         encode, media_type = choose_encoder(accept)
         return Response(encode(state.metrics.registry), media_type=media_type, headers={"Cache-Control": "no-store"})
 
-    @app.get("/v2", tags=["open inference protocol"], dependencies=[Depends(caller)], responses=errors(401, 429))
+    @app.get("/v2", tags=["open inference protocol"], dependencies=[Depends(caller)], responses=errors(*CALLER))
     async def server() -> Server:
         """Return name and version."""
         return Server()
@@ -95,7 +95,7 @@ def install(app: FastAPI) -> None:
         """Answer as `/livez`."""
         return Live()
 
-    @app.get("/v2/health/ready", tags=["open inference protocol"])
+    @app.get("/v2/health/ready", tags=["open inference protocol"], responses=errors("not_ready"))
     def server_ready(state: StateIn) -> Ready:
         """Answer 200 where `/readyz` does."""
         _readiness(state)
@@ -105,7 +105,7 @@ def install(app: FastAPI) -> None:
         "/v2/models/{model}",
         tags=["open inference protocol"],
         dependencies=[Depends(caller)],
-        responses=errors(401, 404, 422, 429),
+        responses=errors(*CALLER, "model_not_found", "invalid_parameters"),
     )
     async def model(model: str) -> ModelMetadata:
         """Return what a model takes and gives."""
@@ -115,7 +115,7 @@ def install(app: FastAPI) -> None:
         "/v2/models/{model}/ready",
         tags=["open inference protocol"],
         dependencies=[Depends(caller)],
-        responses=errors(401, 404, 422, 429),
+        responses=errors(*CALLER, "model_not_found", "invalid_parameters", "not_ready"),
     )
     def model_ready(state: StateIn, model: str) -> Ready:
         """Answer 200 for a model there is, where `/readyz` does; it is loaded at its first job."""

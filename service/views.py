@@ -6,7 +6,7 @@ import math
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from .job import Job
 from .outlook import Outlook
@@ -14,6 +14,48 @@ from .problems import ProblemDetail
 
 LONGEST_RETRY = 30
 Status = Literal["queued", "running", "cancelling", "succeeded", "failed", "cancelled"]
+
+
+EXAMPLE = {
+    "id": "0f8fad5bd9cb469fa16570867728950e",
+    "status": "running",
+    "progress": {"done": 16384, "total": 80000, "unit": "points"},
+    "queue_position": None,
+    "seconds_left": 21.2,
+    "points_per_second": 3000.0,
+    "created_at": "2026-01-31T12:00:00Z",
+    "started_at": "2026-01-31T12:00:01Z",
+    "finished_at": None,
+    "expires_at": None,
+    "parameters": {
+        "iterations": "auto",
+        "radius": "auto",
+        "fast": False,
+        "model": "pcdnf-lite",
+        "seed": 0,
+        "normals": "auto",
+        "orient": False,
+        "outliers": "keep",
+        "nonfinite": "reject",
+    },
+    "execution": {
+        "model": "pcdnf-lite",
+        "weights_sha256": "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855",
+        "device": "cpu",
+        "device_requested": "auto",
+        "cpu_fallback": True,
+        "precision": "float32",
+        "version": "0.1.0",
+        "plan": {"noise": 0.21, "spacing": 0.35, "radii": [3.1, 2.8]},
+    },
+    "upload": {"name": "scan", "format": "ply", "bytes": 480180, "points": 40000, "has_normals": False},
+    "warnings": [],
+    "problem": None,
+    "links": {
+        "self": "/jobs/0f8fad5bd9cb469fa16570867728950e",
+        "events": "/jobs/0f8fad5bd9cb469fa16570867728950e/events",
+    },
+}
 
 
 class ProgressView(BaseModel):
@@ -48,6 +90,8 @@ class ExecutionView(BaseModel):
 
 class JobView(BaseModel):
     """A job."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
 
     id: str
     status: Status
