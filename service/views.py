@@ -16,7 +16,7 @@ LONGEST_RETRY = 30
 Status = Literal["queued", "running", "cancelling", "succeeded", "failed", "cancelled"]
 
 
-EXAMPLE = {
+EXAMPLE: dict[str, Any] = {
     "id": "0f8fad5bd9cb469fa16570867728950e",
     "status": "running",
     "progress": {"done": 16384, "total": 80000, "unit": "points"},
