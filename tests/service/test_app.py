@@ -286,6 +286,10 @@ def test_a_job_that_fails_says_why(running: Service, tmp_path: Path) -> None:
 def test_deleting_a_finished_job(running: Service, small: Path) -> None:
     job = running.wait_status(running.submit(small)["id"], "succeeded")
     folder = running.data / "jobs" / job["id"]
+    deadline = time.monotonic() + 20
+    while (folder / "tiles").exists() or list(folder.glob("iteration-*")) or list(folder.glob("raw-*")):
+        assert time.monotonic() < deadline  # they go right after the job has succeeded
+        time.sleep(0.02)
     kept = sorted(re.sub("-[0-9a-f]{8}", "", path.name) for path in folder.iterdir())
     assert kept == ["display.glb", "result.npz", "result.ply", "upload"]
     assert running.client.delete(f"/jobs/{job['id']}").status_code == 204
