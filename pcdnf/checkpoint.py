@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ KINDS = ("pcdnf", "lite")
 
 
 class CheckpointError(PcdnfError):
-    """A model that cannot be found, read or trusted."""
+    """A model that cannot be found, read, trusted or written."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,13 @@ def save_checkpoint(
     training: Mapping[str, Any],
     licence: str,
 ) -> None:
-    """Write weights and metadata in one piece: a reader never sees half a file."""
+    """Write weights and metadata in one piece: a reader never sees half a file.
+
+    Raises
+    ------
+    CheckpointError
+        ``unwritable_file``.
+    """
     metadata = {
         "format": json.dumps(FORMAT),
         "name": name,
@@ -84,8 +91,15 @@ def save_checkpoint(
     try:
         save_file({key: value.detach().cpu().contiguous() for key, value in state.items()}, temporary, metadata)
         os.replace(temporary, path)
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(
+            f"{os.fspath(path)} cannot be written.",
+            code="unwritable_file",
+            hint="Check its name, its folder's permissions and the space left.",
+        ) from error
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        with suppress(OSError):
+            Path(temporary).unlink(missing_ok=True)
 
 
 def load_checkpoint(name_or_path: str | os.PathLike[str]) -> tuple[ModelInfo, dict[str, Tensor]]:
@@ -166,6 +180,6 @@ def _info(path: Path, digest: str, metadata: Mapping[str, str]) -> ModelInfo:
             raise _unreadable(path)
         tables = {key: json.loads(metadata[key]) for key in ("config", "recipe", "training")}
         texts: dict[str, Any] = {key: metadata[key] for key in ("name", "kind", "licence", "version")}
-    except (KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise _unreadable(path) from error
     return ModelInfo(sha256=digest, path=path, **texts, **tables)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+import operator
+from typing import Literal, get_args
 
 from .errors import PcdnfError
 
+InitialNormals = Literal["auto", "pca", "input"]
+"""Where raw normals come from; see :meth:`pcdnf.denoiser.Denoiser.prepare`."""
+MOST_ITERATIONS = 100
+"""That can be asked for at all; no noise gains from more than three."""
 FAST_NEIGHBOURS = {"lite": 128}
 """Neighbours a point in the fast form, by the kind of network: those that were trained with so few."""
 
-MOST_ITERATIONS = 999_999_999
-"""That can be asked for at all."""
-
 
 class ChoiceError(PcdnfError):
-    """Iterations, a radius or a form that cannot be used."""
+    """Iterations, a radius, raw normals or a form that cannot be used."""
 
 
 def check_iterations(value: int | str) -> int | None:
@@ -23,12 +26,15 @@ def check_iterations(value: int | str) -> int | None:
     Raises
     ------
     ChoiceError
-        ``invalid_iterations``: neither "auto" nor a whole number from 1 to :data:`MOST_ITERATIONS`.
+        ``invalid_iterations``: neither "auto" nor a whole number from 1 to ``MOST_ITERATIONS``.
     """
     if value == "auto":
         return None
-    short = isinstance(value, int) or (value.isdecimal() and len(value) <= len(str(MOST_ITERATIONS)))
-    number = int(value) if short else 0
+    try:
+        digits = isinstance(value, str) and value.isdecimal() and len(value) < 10
+        number = operator.index(int(value) if digits else value)  # type: ignore[arg-type]
+    except TypeError:
+        number = 0
     if not 1 <= number <= MOST_ITERATIONS:
         raise ChoiceError(
             f"Iterations are given as auto or a whole number from 1 to {MOST_ITERATIONS}, not {str(value)[:40]!r}.",
@@ -62,6 +68,24 @@ def check_radius(value: float | str) -> tuple[float, bool] | None:
             hint="Leave it out to have it chosen.",
         )
     return number, relative
+
+
+def check_initial(value: str) -> InitialNormals:
+    """Where raw normals come from.
+
+    Raises
+    ------
+    ChoiceError
+        ``invalid_initial``: none of "auto", "pca" and "input".
+    """
+    for known in get_args(InitialNormals):
+        if value == known:
+            return known  # type: ignore[no-any-return]
+    raise ChoiceError(
+        f"Raw normals are auto, pca or input, not {str(value)[:40]!r}.",
+        code="invalid_initial",
+        hint="Leave it out to have them estimated.",
+    )
 
 
 def check_fast(fast: bool, kind: str) -> int | None:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .device_patches import DevicePatchSource
 from .errors import PcdnfError
+from .formats.cloud import EXTENT_RANGE
 from .patches import PatchSource
 
-SMALLEST_EXTENT, LARGEST_EXTENT = 1e-12, 1e12
-"""Bounding-box diagonals accepted, in the file's unit."""
 TAIL = 0.005
 """Share of points beyond the box of a frame, at either end of each axis."""
 TILE = 16384
@@ -21,6 +21,58 @@ TILE = 16384
 
 class CloudError(PcdnfError):
     """Points that cannot be denoised."""
+
+
+def checked_points(points: ArrayLike, fewest: int) -> NDArray[np.float64]:
+    """Points (N, 3) in one piece, float64.
+
+    Raises
+    ------
+    CloudError
+        ``bad_shape``, or ``too_few_points`` where there are less than ``fewest``.
+    """
+    given: NDArray[np.float64] = np.ascontiguousarray(_rows_of_three(points, "Points"), np.float64)
+    if len(given) < fewest:
+        raise CloudError(
+            f"The cloud has {len(given)} points; the network needs at least {fewest}.",
+            code="too_few_points",
+            hint="Send a denser or larger piece of the scan.",
+        )
+    return given
+
+
+def checked_normals(normals: ArrayLike | None, count: int) -> NDArray[np.floating] | None:
+    """Normals (count, 3), or None where there are none.
+
+    Raises
+    ------
+    CloudError
+        ``bad_shape``.
+    """
+    if normals is None:
+        return None
+    given: NDArray[np.floating] = _rows_of_three(normals, "Normals")
+    if len(given) != count:
+        raise CloudError(
+            f"There are {len(given)} normals for {count} points.",
+            code="bad_shape",
+            hint="Give one for each point, zeros where there is none; or none at all.",
+        )
+    return given
+
+
+def _rows_of_three(values: ArrayLike, what: str) -> NDArray[Any]:
+    try:
+        given = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        given = np.empty(0, object)
+    if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
+        raise CloudError(
+            f"{what} are an array (N, 3) of real numbers, not {given.dtype} {given.shape}.",
+            code="bad_shape",
+            hint="Give x, y and z, one row a point.",
+        )
+    return given
 
 
 @dataclass(frozen=True)
@@ -56,10 +108,10 @@ class Frame:
             raise CloudError(
                 "All points of the cloud are equal.", code="zero_extent", hint="Check how the file was written."
             )
-        if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT:
+        smallest, largest = EXTENT_RANGE
+        if not smallest <= extent <= largest:
             raise CloudError(
-                f"The cloud's bounding-box diagonal is {extent:.3g}; it must lie between {SMALLEST_EXTENT:g} and"
-                f" {LARGEST_EXTENT:g}.",
+                f"The cloud's bounding-box diagonal is {extent:.3g}; it must lie between {smallest:g} and {largest:g}.",
                 code="extent_out_of_range",
                 hint="Change the unit of the coordinates, or remove far outliers.",
             )

@@ -16,6 +16,7 @@ from .choices import check_iterations, check_radius
 from .errors import PcdnfError
 from .file_formats import SUFFIXES, TEXT_FORMATS, titles
 from .formats import Limits, PointCloud, read, write
+from .formats.cloud import checked
 
 if TYPE_CHECKING:
     from .denoiser import Denoiser, DenoiseResult
@@ -106,7 +107,8 @@ def _denoise(options: argparse.Namespace) -> int:
         from .orientation import orient_normals
 
         normals = orient_normals(result.points, normals, like=cloud.normals)
-    denoised = cloud.replaced(result.points, normals, metadata=result.metadata)
+    around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
+    denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
     notes = cloud.warnings + _written(options.output, denoised, options.input)
     if result.flagged.any():
         notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
@@ -180,8 +182,8 @@ def add_evaluate(subparsers: Subparsers) -> None:
         description="Chamfer distance, point-to-surface distance and normal error, in units of the clean cloud's "
         "bounding-box diagonal. Clean normals are estimated where the file has none.",
     )
-    parser.add_argument("prediction", type=Path, help="PLY, NPZ or NPY (N, 3)")
-    parser.add_argument("clean", type=Path, help="PLY, NPZ or NPY (N, 3)")
+    parser.add_argument("prediction", type=Path, help=f"{titles()}, or NPY (N, 3)")
+    parser.add_argument("clean", type=Path, help="the same")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_evaluate)
 
@@ -203,7 +205,13 @@ def _evaluate(options: argparse.Namespace) -> int:
 
 
 def read_any(path: Path) -> PointCloud:
-    """A cloud from PLY, NPZ, or a plain (N, 3) array of floats."""
+    """A cloud from a file of any format, or from a plain (N, 3) array of floats.
+
+    Raises
+    ------
+    PcdnfError
+        ``bad_shape`` of an array, and what the readers raise.
+    """
     try:
         with path.open("rb") as file:
             is_array = file.read(len(_NPY_MAGIC)) == _NPY_MAGIC
@@ -218,7 +226,7 @@ def read_any(path: Path) -> PointCloud:
         raise PcdnfError(
             f"{path} does not hold an (N, 3) array of floats.", code="bad_shape", hint="Save x, y, z, one row a point."
         )
-    return PointCloud(points=points.astype(np.float64))
+    return checked(PointCloud(points=points.astype(np.float64)), Limits())
 
 
 def add_models(subparsers: Subparsers) -> None:

@@ -17,16 +17,16 @@ from torch import Tensor, nn
 
 from . import __version__
 from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
-from .choices import check_fast
-from .cloud import Cloud, CloudError, Frame, TileResult
+from .choices import InitialNormals, check_fast, check_initial
+from .cloud import Cloud, CloudError, Frame, TileResult, checked_normals, checked_points
 from .device import choose_device, choose_precision
 from .inference import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
 from .lite import LiteOutput
-from .models import build_network
+from .models import trained_network
 from .network import NetworkOutput
 from .patches import Recipe
-from .plan import Plan, make_plan
-from .preparation import InitialNormals, prepare_cloud
+from .plan import Plan, iteration_seed, make_plan
+from .preparation import prepare_cloud
 from .result import DenoiseResult
 
 __all__ = [
@@ -69,19 +69,9 @@ class Denoiser:
         device: str = "cpu",
         precision: str = "float32",
     ) -> None:
-        self.info, self.recipe = info, recipe
+        self.info, self.recipe, self.device, self.precision = info, recipe, device, precision
         self.inference = Inference(network, device=device, precision=precision)
         self.minimum_points = FEWEST_NEIGHBOURS + 10
-
-    @property
-    def device(self) -> str:
-        """ "cpu" or "cuda:N"."""
-        return self.inference.device
-
-    @property
-    def precision(self) -> str:
-        """ "float32" or "bfloat16"."""
-        return self.inference.precision
 
     @classmethod
     def load(
@@ -102,14 +92,13 @@ class Denoiser:
         CheckpointError
             No such model, or a damaged one.
         DeviceError
-            No such device, or a precision it does not have.
+            No such device, a precision it does not have, or no memory left there.
         """
         info, state = load_checkpoint(name_or_path)
         device = choose_device(device)
         precision = choose_precision(precision, device=device)
-        network = build_network(info.kind, info.config)
-        network.load_state_dict(state)
-        return cls(network, Recipe(**info.recipe), info=info, device=device, precision=precision)
+        network, recipe = trained_network(info, state)
+        return cls(network, recipe, info=info, device=device, precision=precision)
 
     def network(self, points: Tensor, normals: Tensor) -> NetworkOutput | LiteOutput:
         """Run the network on patches in their frames; see :meth:`pcdnf.inference.Inference.network`."""
@@ -117,7 +106,7 @@ class Denoiser:
 
     @property
     def batch(self) -> int:
-        """Patches a batch; halved when the device runs out of memory."""
+        """Patches a batch; halved when the device runs out of memory, until the next cloud is prepared."""
         return self.inference.batch
 
     @batch.setter
@@ -144,7 +133,7 @@ class Denoiser:
         ChoiceError, CloudError
         """
         neighbours = check_fast(fast, self.inference.kind)
-        given = self._checked(points)
+        given = checked_points(points, self.minimum_points)
         frame = Frame.of(given)
         return make_plan(given, self.recipe, frame=frame, iterations=iterations, radius=radius, neighbours=neighbours)
 
@@ -184,35 +173,30 @@ class Denoiser:
         Raises
         ------
         CloudError
-            Too few points, no extent, or one out of range, NaN or infinity.
+            Other shapes, too few points, no extent, or one out of range, NaN or infinity.
+        ChoiceError
+            Another ``initial``.
+        DeviceError
+            Out of memory.
         Stopped
         """
-        given = self._checked(points)
+        given = checked_points(points, self.minimum_points)
         frame = Frame.of(given) if frame is None else frame
         if plan is None:
             plan = make_plan(given, self.recipe, frame=frame)
+        self.inference.restore_batch()
         return prepare_cloud(
             given,
-            normals,
+            checked_normals(normals, len(given)),
             self.recipe,
             plan=plan,
             iteration=iteration,
             frame=frame,
-            initial=initial,
+            initial=check_initial(initial),
             seed=seed,
             device=self.device,
             should_stop=should_stop,
         )
-
-    def _checked(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
-        if len(given) < self.minimum_points:
-            raise CloudError(
-                f"The cloud has {len(given)} points; the network needs at least {self.minimum_points}.",
-                code="too_few_points",
-                hint="Send a denser or larger piece of the scan.",
-            )
-        return given
 
     def denoise_tile(
         self,
@@ -288,10 +272,11 @@ class Denoiser:
         Stopped
             ``should_stop`` returned True.
         """
-        plan = self.plan(points, iterations=iterations, radius=radius, fast=fast)
-        given: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
+        given = checked_points(points, self.minimum_points)
+        raw, initial = checked_normals(normals, len(given)), check_initial(initial)
+        plan = self.plan(given, iterations=iterations, radius=radius, fast=fast)
         frame = Frame.of(given)
-        current, raw = given, normals
+        current = given
         moved, turned = given, np.empty(given.shape, np.float32)
         flagged = np.zeros(len(given), bool)
         total = plan.iterations * len(given)
@@ -319,9 +304,9 @@ class Denoiser:
                 moved[rows], turned[rows] = tile.points, tile.normals
                 flagged[rows] |= tile.flagged
             current, raw = moved, turned
-        return DenoiseResult(moved, turned, flagged, self.metadata(seed=seed, plan=plan))
+        return DenoiseResult(moved, turned, flagged, self.metadata(seed=seed, plan=plan, initial=initial))
 
-    def metadata(self, *, seed: int, plan: Plan) -> dict[str, str]:
+    def metadata(self, *, seed: int, plan: Plan, initial: InitialNormals) -> dict[str, str]:
         """What is needed to repeat a run, for the result's file."""
         return {
             "model": self.info.name if self.info else self.inference.kind,
@@ -330,10 +315,6 @@ class Denoiser:
             "device": self.device,
             "precision": self.precision,
             "seed": str(seed),
+            "normals": initial,
             **plan.metadata(),
         }
-
-
-def iteration_seed(seed: int, iteration: int) -> int:
-    """Seed of one iteration's random subsets."""
-    return seed + iteration

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 
 from .errors import PcdnfError
 
 
 class DeviceError(PcdnfError):
-    """A device or a precision this machine does not have."""
+    """A device or a precision this machine does not have, or a device without room for what it is given."""
+
+
+@contextmanager
+def room_for(what: str) -> Iterator[None]:
+    """Say in our words that a device has no memory left for ``what``.
+
+    Raises
+    ------
+    DeviceError
+        ``out_of_memory``.
+    """
+    try:
+        yield
+    except torch.OutOfMemoryError as error:
+        raise DeviceError(
+            f"The device ran out of memory with {what}.",
+            code="out_of_memory",
+            hint="Take the lighter model, a smaller part of the cloud, or a device with more memory.",
+        ) from error
 
 
 def choose_device(name: str) -> str:

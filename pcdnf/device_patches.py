@@ -105,7 +105,8 @@ class DevicePatchSource:
         candidate = self._order[sorted_place]  # (B, T)
         square = (self._sorted[sorted_place] - self._points[own][:, None]).square().sum(-1)
         in_ball = (place < ends[:, -1:]) & (square <= self.radius**2) & (candidate != own[:, None])
-        key = (_mix(_mix(own + self._seed)[:, None] ^ candidate) << 32) | candidate  # the lower index of equal hashes
+        seed = _signed(self._seed & 0xFFFFFFFFFFFFFFFF)
+        key = (_mix(_mix(own + seed)[:, None] ^ candidate) << 32) | candidate  # the lower index of equal hashes
         key, chosen = torch.where(in_ball, key & NOBODY, NOBODY).topk(wanted, dim=1, largest=False)
         return torch.where(key == NOBODY, -1, candidate.gather(1, chosen))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from .cloud import TileResult
-from .device import DeviceError
+from .device import DeviceError, room_for
 from .device_patches import DevicePatches, DevicePatchSource
 from .folded import fold
 from .folded_lite import FoldedLite
@@ -53,6 +53,11 @@ class Inference:
         ``PCDNF`` or ``PCDNFLite``; switched to inference.
     device, precision : str
         "cpu" or "cuda:N"; "float32" or "bfloat16".
+
+    Raises
+    ------
+    DeviceError
+        ``out_of_memory``.
     """
 
     def __init__(self, network: nn.Module, *, device: str = "cpu", precision: str = "float32") -> None:
@@ -63,13 +68,27 @@ class Inference:
         if device == "cpu":
             keep_freed_memory()
         network.eval()
-        network = network.to(device)
-        if isinstance(network, PCDNF):
-            network = fold(network, dtype)
-        elif isinstance(network, PCDNFLite) and device == "cpu":
-            network = FoldedLite(network, dtype)
+        with room_for("the network"):
+            network = network.to(device)
+            if isinstance(network, PCDNF):
+                network = fold(network, dtype)
+            elif isinstance(network, PCDNFLite) and device == "cpu":
+                network = FoldedLite(network, dtype)
         self._network = network
         self._autocast = isinstance(network, PCDNFLite) and dtype is torch.bfloat16
+
+    @property
+    def batch(self) -> int:
+        """Patches a batch; set by the caller, or the device's own, and halved where the memory asks for it."""
+        return self._batch
+
+    @batch.setter
+    def batch(self, value: int) -> None:
+        self._batch = self._whole_batch = value
+
+    def restore_batch(self) -> None:
+        """Try the whole batch again: the memory may have been short for a moment."""
+        self._batch = self._whole_batch
 
     @torch.inference_mode()
     def network(self, points: Tensor, normals: Tensor) -> NetworkOutput | LiteOutput:
@@ -128,21 +147,26 @@ class Inference:
         while done < len(centres):
             if should_stop is not None and should_stop():
                 raise Stopped
-            chosen = centres[done : done + self.batch]
-            filled = np.concatenate([chosen, np.full(self.batch - len(chosen), chosen[0])])
+            batch = self.batch  # another thread may prepare a cloud meanwhile
+            chosen = centres[done : done + batch]
+            filled = np.concatenate([chosen, np.full(batch - len(chosen), chosen[0])])
             try:
-                parts.append([each[: len(chosen)] for each in self._work(source.take(filled))])
-            except torch.OutOfMemoryError as error:
-                self._halve_batch(error)
+                with room_for(f"{batch} neighbourhoods a batch"):
+                    parts.append([each[: len(chosen)] for each in self._work(source.take(filled))])
+            except DeviceError:
+                if batch <= SMALLEST_BATCH:
+                    raise
+                self._halve(batch)
                 continue
             done += len(chosen)
             if progress is not None:
                 progress(done)
-        move, normal, neighbours = (torch.cat(each).cpu().numpy() for each in zip(*parts, strict=True))
+        with room_for("a tile's results"):
+            move, normal, neighbours = (torch.cat(each).cpu().numpy() for each in zip(*parts, strict=True))
         before = raw[centres]
         lost = (neighbours <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
         length = np.linalg.norm(move, axis=1, keepdims=True)
-        move *= np.minimum(1.0, LONGEST_STEP / np.maximum(length, LONGEST_STEP))
+        move *= LONGEST_STEP / np.maximum(length, LONGEST_STEP)
         moved = points[centres] + np.where(lost[:, None], 0.0, move) * (source.radius * unit)
         return TileResult(moved, unit_towards(np.where(lost[:, None], before, normal), before), lost)
 
@@ -156,13 +180,7 @@ class Inference:
         move, normal = ((each.double()[..., None] * turn).sum(1) for each in (output.displacement, output.normal))
         return move, normal, (index >= 0).sum(1)
 
-    def _halve_batch(self, error: torch.OutOfMemoryError) -> None:
-        if self.batch <= SMALLEST_BATCH:
-            raise DeviceError(
-                f"The device ran out of memory with {self.batch} neighbourhoods a batch.",
-                code="out_of_memory",
-                hint="Take the lighter model, or a device with more memory.",
-            ) from error
+    def _halve(self, batch: int) -> None:
         torch.cuda.empty_cache()
-        self.batch //= 2
-        log.warning("device out of memory: now %d neighbourhoods a batch", self.batch)
+        self._batch = batch // 2
+        log.warning("device out of memory: now %d neighbourhoods a batch", batch // 2)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from torch import nn
+from torch import Tensor, nn
 
+from .checkpoint import CheckpointError, ModelInfo
 from .lite import LiteConfig, PCDNFLite
 from .losses import LossWeights
 from .network import PCDNF, NetworkConfig
@@ -46,6 +47,26 @@ DEFAULTS = {
         fewest_neighbours=96,
     ),
 }
+
+
+def trained_network(info: ModelInfo, state: Mapping[str, Tensor]) -> tuple[nn.Module, Recipe]:
+    """The network of a checkpoint with its weights, and how its patches are taken.
+
+    Raises
+    ------
+    CheckpointError
+        ``bad_checkpoint``: configuration, recipe or weights are not those of a network of this version.
+    """
+    try:
+        network = build_network(info.kind, info.config)
+        network.load_state_dict(dict(state))
+        return network, Recipe(**info.recipe)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise CheckpointError(
+            f"{info.path.name} does not describe a network of this version.",
+            code="bad_checkpoint",
+            hint="Update pcdnf, or convert the weights again with the version that is installed.",
+        ) from error
 
 
 def build_network(kind: str, config: Mapping[str, Any]) -> nn.Module:

@@ -32,7 +32,7 @@ def orient_normals(
     normals : ndarray, (N, 3) float
         Unit length.
     like : ndarray, (N, 3) float, optional
-        Normals whose side most of the result's shall have.
+        Normals whose side most of the result's shall have; a row that is not finite has no say.
     neighbours : int
         Of each point.
 
@@ -64,7 +64,8 @@ def orient_normals(
     if like is None:
         vote = (directions[roots] * outward[roots]).sum(1) * side[roots]
     else:
-        vote = np.bincount(labels, (directions * side[:, None] * like).sum(1), pieces)
+        known = np.where(np.isfinite(like).all(1, keepdims=True), like, 0)
+        vote = np.bincount(labels, (directions * side[:, None] * known).sum(1), pieces)
     side *= np.where(vote < 0, -1.0, 1.0)[labels]
     return np.asarray(normals * side[:, None], normals.dtype)
 

@@ -29,6 +29,8 @@ def outlier_rows(points: NDArray[np.floating]) -> NDArray[np.int64]:
         Ascending.
     """
     located: NDArray[np.float64] = np.ascontiguousarray(points, np.float64)
+    if len(located) < 2:
+        return np.empty(0, np.int64)
     count = min(NEIGHBOURS + 1, len(located))
     tree = cKDTree(located)
     index = np.empty((len(located), count - 1), np.int32)
@@ -37,9 +39,14 @@ def outlier_rows(points: NDArray[np.floating]) -> NDArray[np.int64]:
         stop = start + CHUNK
         distance, found = tree.query(located[start:stop], count, workers=-1)
         index[start:stop], lonely[start:stop] = found[:, 1:], distance[:, 1:].mean(1)
-    usual = np.median(lonely[index], axis=1)
+    apart = lonely > 0
+    if not apart.any():
+        return np.empty(0, np.int64)
+    whole = np.median(lonely[apart])
+    # Copies of one point say nothing about how far apart points are.
+    usual = np.median(np.where(apart, lonely, whole)[index], axis=1)
     # A pair of outliers are each other's neighbours: they are also far by the measure of the whole cloud.
-    limit = FAR * np.minimum(usual, 3 * np.median(lonely))
+    limit = FAR * np.minimum(usual, 3 * whole)
     return np.flatnonzero(lonely > limit)
 
 

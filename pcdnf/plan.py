@@ -118,3 +118,8 @@ def make_plan(
         radii = (value if relative else value / frame.diagonal,) * count
     unit = frame.diagonal
     return Plan(scale.scaled(unit), tuple(value * unit for value in radii), neighbours)
+
+
+def iteration_seed(seed: int, iteration: int) -> int:
+    """Seed of one iteration's random subsets."""
+    return seed + iteration

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from .choices import InitialNormals
 from .cloud import Cloud, Frame, spatial_order
+from .device import room_for
 from .device_patches import DevicePatchSource
 from .inference import FEWEST_NEIGHBOURS, ShouldStop, Stopped
 from .normals import raw_normals
 from .patches import PatchSource, Recipe
 from .plan import Plan
 from .scale import normals_reach
-
-InitialNormals = Literal["auto", "pca", "input"]
 
 
 def prepare_cloud(
@@ -37,6 +36,8 @@ def prepare_cloud(
 
     Raises
     ------
+    DeviceError
+        ``out_of_memory``.
     Stopped
     """
     local = frame.to_local(points)
@@ -56,5 +57,6 @@ def prepare_cloud(
     source: PatchSource | DevicePatchSource
     source = PatchSource(local, raw, recipe, diagonal=1.0, seed=seed, tree=tree)
     if device != "cpu" and recipe.kind == "ball":
-        source = DevicePatchSource(source, device=device)
+        with room_for("the cloud"):
+            source = DevicePatchSource(source, device=device)
     return Cloud(points, raw, frame, source, spatial_order(local))

@@ -20,7 +20,8 @@ class DenoiseResult:
     flagged : ndarray, (N,) bool
         Points without enough neighbours, returned as they came.
     metadata : dict of str
-        Model, weights' hash, device, precision, seed, iterations, version: enough to repeat the run.
+        Model, weights' hash, device, precision, seed, raw normals, iterations, radius, version: enough to repeat
+        the run.
     """
 
     points: NDArray[np.float64]

@@ -16,7 +16,7 @@ from .frames import principal_axes
 
 SAMPLE = 768
 """Points around which the scale is measured."""
-SIZES = (16, 24, 36, 54, 81, 122, 182, 273, 410, 615, 922, 1384, 2076, 3114, 4671)
+SIZES = (16, 24, 36, 54, 81, 122, 182, 273, 410, 615, 922, 1384, 2076, 3114)
 """Neighbours of the growing neighbourhoods."""
 FITTED = 128
 """Neighbours of one neighbourhood that the quadric is fitted to, evenly spread over the distances."""
@@ -78,7 +78,7 @@ def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
     noise, spacing = np.full(len(sample), np.nan), np.full(len(sample), np.nan)
     left = np.arange(len(sample))
     for size in SIZES:
-        last = size * 1.5 >= min(len(points) // 4, SIZES[-1])
+        last = size == SIZES[-1] or size * 1.5 >= len(points) // 4
         size = min(size, len(points))
         distance, index = tree.query(points[sample[left]], size)
         radius = distance[:, -1]

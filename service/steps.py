@@ -211,7 +211,8 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
     plan = planned(job)
     given = read_upload(runtime, job)
     denoiser = runtime.models.get(parameters["model"])
-    metadata = denoiser.metadata(seed=parameters["seed"], plan=plan)
+    metadata = denoiser.metadata(seed=parameters["seed"], plan=plan, initial=parameters["normals"])
+    metadata |= {"orient": "on" if parameters["orient"] else "off", "outliers": parameters["outliers"]}
     normals = merged["normals"]
     if parameters["orient"]:
         normals = orient_normals(merged["points"], normals, like=given.normals)

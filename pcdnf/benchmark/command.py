@@ -39,8 +39,8 @@ def add_benchmark(subparsers: Subparsers) -> None:
         help="clean clouds (.npy, .npz, .ply) or folders of them; without any, four shapes by formula",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--generated", type=int, default=0, metavar="N", help="also N shapes of the training's kind")
-    parser.add_argument("--points", type=int, metavar="N", help="of each cloud: thins files (20 000 for made ones)")
+    parser.add_argument("--generated", type=_count, default=0, metavar="N", help="also N shapes of the training's kind")
+    parser.add_argument("--points", type=_count, metavar="N", help="of each cloud: thins files (20 000 for made ones)")
     parser.add_argument("--levels", type=_listed(_level), default=list(LEVELS), help="per cent of the diagonal")
     parser.add_argument("--noise", type=_listed(str), default=["gaussian"], help="kinds of noise")
     parser.add_argument("--models", type=_listed(str), metavar="M,…", help="names or .safetensors files")
@@ -60,6 +60,12 @@ def _listed(item: Callable[[str], _Item]) -> Callable[[str], list[_Item]]:
     return items
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError("must be a whole number from 1 on")
+    return int(text)
+
+
 def _level(text: str) -> float:
     value = float(text)
     if not 0 <= value <= 100:
@@ -70,9 +76,7 @@ def _level(text: str) -> float:
 def _iterations(text: str) -> int | Literal["auto"]:
     if text == "auto":
         return "auto"
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError("iterations are whole numbers from 1, or auto")
-    return int(text)
+    return _count(text)
 
 
 def _benchmark(options: argparse.Namespace) -> int:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import PcdnfError
 from ..metrics import score
 from .clouds import CleanCloud
 from .methods import Group, Method, Output
@@ -94,11 +95,21 @@ class Results:
         Made where it does not exist.
     fresh : bool
         Compute again what is there.
+
+    Raises
+    ------
+    PcdnfError
+        ``unwritable_folder``.
     """
 
     def __init__(self, folder: Path, *, fresh: bool = False) -> None:
         self.folder = folder
-        (folder / "clouds").mkdir(parents=True, exist_ok=True)
+        try:
+            (folder / "clouds").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PcdnfError(
+                f"The folder {folder} cannot be made: {error.strerror}.", code="unwritable_folder", hint="Name another."
+            ) from error
         self._file = folder / "results.jsonl"
         self._known = {row.key: row for row in self._read()}
         self._fresh = fresh

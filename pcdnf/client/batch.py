@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import re
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -87,6 +88,7 @@ class Destination:
 
     file: Path | None
     folder: Path | None
+    _taken: set[str] = field(default_factory=set, init=False, repr=False)
 
     def check(self, items: Sequence[Item]) -> None:
         """Raise before the work rather than after it."""
@@ -123,6 +125,7 @@ class Destination:
                     code="same_name",
                     hint="Submit them one after the other, into different folders.",
                 )
+        self._taken.update(names)
 
     def of(self, item: Item, job: Job) -> tuple[Path, str | None]:
         """Path and format of a result; None is the format that was uploaded."""
@@ -131,7 +134,18 @@ class Destination:
         assert self.folder is not None
         if item.source is not None:
             return self.folder / _result_name(item.source), None
-        return self.folder / f"{job.upload['name']}_denoised.{job.upload['format']}", None
+        # The service says the name of a job of before: it must not lead out of the folder, and may come twice.
+        name = re.split(r"[/\\\0]", f"{job.upload['name']}_denoised.{job.upload['format']}")[-1]
+        return self.folder / self._free(name), None
+
+    def _free(self, name: str) -> str:
+        stem, dot, ending = name.rpartition(".")
+        number, free = 1, name
+        while free in self._taken:
+            number += 1
+            free = f"{stem}_{number}{dot}{ending}"
+        self._taken.add(free)
+        return free
 
 
 def _result_name(source: Path) -> str:

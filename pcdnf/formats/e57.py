@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import uuid
 from typing import Any, BinaryIO, NoReturn
@@ -228,7 +229,7 @@ def _begin(image: Any, libe57: Any, cloud: PointCloud) -> None:
     image.extensionsAdd("nor", NORMALS_URI)
     root = image.root()
     root.set("formatName", libe57.StringNode(image, "ASTM E57 3D Imaging Data File"))
-    root.set("guid", libe57.StringNode(image, _guid(cloud.points.tobytes())))
+    root.set("guid", libe57.StringNode(image, _guid(cloud.points)))
     root.set("versionMajor", libe57.IntegerNode(image, 1))
     root.set("versionMinor", libe57.IntegerNode(image, 0))
     root.set("e57LibraryVersion", libe57.StringNode(image, libe57.E57_LIBRARY_ID))
@@ -237,8 +238,9 @@ def _begin(image: Any, libe57: Any, cloud: PointCloud) -> None:
     root.set("images2D", libe57.VectorNode(image, True))
 
 
-def _guid(data: bytes) -> str:
-    return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, data.hex()[:4096])}}}"
+def _guid(points: NDArray[Any]) -> str:
+    digest = hashlib.sha256(np.ascontiguousarray(points).data)
+    return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, digest.hexdigest())}}}"
 
 
 def _scan_node(
@@ -253,7 +255,7 @@ def _scan_node(
     node = libe57.StructureNode(image)
     recorded = "\n".join(f"pcdnf {key}: {value}" for key, value in cloud.metadata.items())
     kept = [line for line in scan.description.splitlines() if not line.startswith("pcdnf ")]
-    node.set("guid", libe57.StringNode(image, scan.guid or _guid(local.tobytes())))
+    node.set("guid", libe57.StringNode(image, scan.guid or _guid(local)))
     node.set("name", libe57.StringNode(image, scan.name))
     node.set("description", libe57.StringNode(image, "\n".join([*kept, recorded]).strip("\n")))
     pose = libe57.StructureNode(image)

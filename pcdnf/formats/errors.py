@@ -13,6 +13,7 @@ CODES = {
     "cannot_store": "the cloud carries values that the asked format cannot hold",
     "compression_ratio": "compressed data inflates far more than measurements do",
     "corrupt_archive": "compressed data contradicts itself: offsets, sizes, checksum",
+    "disk_full": "there is no room for the file that is written",
     "duplicate_member": "an NPZ has two members of one name",
     "duplicate_property": "two columns have one name",
     "empty_file": "the file has no bytes",

@@ -71,3 +71,17 @@ def test_unknown_names_list_the_known_ones() -> None:
     with pytest.raises(CheckpointError, match="no model named 'nope'") as caught:
         load_checkpoint("nope")
     assert "pcdnf-lite" in str(caught.value.hint)
+
+
+def test_a_format_that_is_no_number(tmp_path: Path) -> None:
+    save_file({"a": torch.zeros(1)}, tmp_path / "m.safetensors", {"format": "[1]"})
+    with pytest.raises(CheckpointError, match="is not a checkpoint"):
+        load_checkpoint(tmp_path / "m.safetensors")
+
+
+def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="cannot be written") as caught:
+        save_checkpoint(tmp_path / ("m" * 256), {"a": torch.zeros(1)}, **FACTS)  # type: ignore[arg-type]
+    assert caught.value.code == "unwritable_file"
+    with pytest.raises(CheckpointError, match="cannot be written"):
+        save_checkpoint(tmp_path / "none" / "m", {"a": torch.zeros(1)}, **FACTS)  # type: ignore[arg-type]

@@ -1,15 +1,28 @@
+from typing import Any
+
+import numpy as np
 import pytest
 
-from pcdnf.choices import FAST_NEIGHBOURS, ChoiceError, check_fast, check_iterations, check_radius
+from pcdnf.choices import (
+    FAST_NEIGHBOURS,
+    MOST_ITERATIONS,
+    ChoiceError,
+    check_fast,
+    check_initial,
+    check_iterations,
+    check_radius,
+)
 
 
-@pytest.mark.parametrize(("value", "meant"), [("auto", None), ("3", 3), (2, 2)])
+@pytest.mark.parametrize(("value", "meant"), [("auto", None), ("3", 3), (2, 2), (np.int64(2), 2)])
 def test_iterations(value: int | str, meant: int | None) -> None:
-    assert check_iterations(value) == meant
+    found = check_iterations(value)
+    assert found == meant
+    assert type(found) is type(meant)
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "1.5", "many", "", 0, -3, "1" * 10, "1" * 5000, 10**9])
-def test_iterations_that_cannot_be(value: int | str) -> None:
+@pytest.mark.parametrize("value", ["0", "-1", "1.5", "many", "", 0, -3, 2.0, None, "9" * 5000, MOST_ITERATIONS + 1])
+def test_iterations_that_cannot_be(value: Any) -> None:
     with pytest.raises(ChoiceError, match="auto or a whole number") as caught:
         check_iterations(value)
     assert caught.value.code == "invalid_iterations"
@@ -36,3 +49,15 @@ def test_fast_is_for_networks_that_were_trained_with_fewer_neighbours() -> None:
     with pytest.raises(ChoiceError, match="no fast form") as caught:
         check_fast(True, "pcdnf")
     assert caught.value.code == "no_fast_form"
+
+
+@pytest.mark.parametrize("value", ["auto", "pca", "input"])
+def test_raw_normals(value: str) -> None:
+    assert check_initial(value) == value
+
+
+@pytest.mark.parametrize("value", ["PCA", "", None])
+def test_raw_normals_that_cannot_be(value: Any) -> None:
+    with pytest.raises(ChoiceError, match="auto, pca or input") as caught:
+        check_initial(value)
+    assert caught.value.code == "invalid_initial"

@@ -75,6 +75,7 @@ def test_denoise_keeps_everything_and_says_how(noisy: Path, tmp_path: Path, caps
     np.testing.assert_allclose(np.linalg.norm(after.normals, axis=1), 1, atol=1e-5)
     assert after.metadata.keys() >= KEYS
     assert (after.metadata["seed"], after.metadata["device"]) == ("5", "cpu")
+    assert [after.metadata[key] for key in ("normals", "orient", "outliers")] == ["auto", "off", "keep"]
     assert after.metadata["version"] == __version__
     with Image.open(picture) as drawn:
         assert drawn.size == (2250, 900), "before, after and the map of displacement"
@@ -204,6 +205,12 @@ def test_evaluate_refuses_other_arrays(tmp_path: Path, capsys: pytest.CaptureFix
         np.save(tmp_path / "array.npy", array)
         assert "(N, 3)" in refused(capsys, "evaluate", tmp_path / "array.npy", tmp_path / "array.npy")
     assert "cannot be read" in refused(capsys, "evaluate", tmp_path / "none.npy", tmp_path / "none.npy")
+    np.save(tmp_path / "good.npy", wave())
+    for array, why in ((np.full((5, 3), np.nan), "NaN"), (np.zeros((0, 3)), "0 points")):
+        np.save(tmp_path / "array.npy", array)
+        assert why in refused(capsys, "evaluate", tmp_path / "array.npy", tmp_path / "good.npy")
+        assert why in refused(capsys, "evaluate", tmp_path / "good.npy", tmp_path / "array.npy")
+        assert why in refused(capsys, "render", tmp_path / "array.npy", "-o", tmp_path / "out.png")
 
 
 def test_models_are_listed_the_default_first(capsys: pytest.CaptureFixture[str]) -> None:
@@ -236,6 +243,16 @@ def test_released_weights_can_be_imported_and_used(
     capsys.readouterr()
     (tmp_path / "other.pth").write_bytes(b"not a checkpoint")
     refused(capsys, "import-weights", tmp_path / "other.pth", "-o", tmp_path / "x.safetensors")
+
+
+def test_benchmark_refuses_with_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    assert "cannot be made" in refused(capsys, "benchmark", "-o", tmp_path / "file")
+    for option in ("--points", "--generated"):
+        with pytest.raises(SystemExit) as ended:
+            main(["benchmark", "-o", str(tmp_path / "out"), option, "-3"])
+        assert ended.value.code == 2
+        assert "whole number from 1" in capsys.readouterr().err
 
 
 def test_training_has_its_options(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from pcdnf.cloud import CloudError, Frame, spatial_order, tiles
+from pcdnf.cloud import CloudError, Frame, checked_points, spatial_order, tiles
 
 POINTS = np.random.default_rng(0).normal(size=(500, 3))
 
@@ -65,3 +65,13 @@ def test_a_few_points_beside_many_equal_ones_still_have_a_frame() -> None:
     points = np.zeros((1000, 3))
     points[:3] = np.eye(3)
     assert np.isclose(Frame.of(points).diagonal, np.sqrt(3))
+
+
+def test_arrays_that_are_no_points() -> None:
+    for values in ([[1, 2, 3], [4, 5]], [["a", "b", "c"]], np.ones((20, 3), complex), None):
+        with pytest.raises(CloudError, match="real numbers") as caught:
+            checked_points(values, 1)  # type: ignore[arg-type]
+        assert caught.value.code == "bad_shape"
+    assert checked_points([[1, 2, 3]], 1).dtype == np.float64
+    given = np.random.default_rng(0).normal(size=(20, 3))
+    assert checked_points(given, 20) is given

@@ -181,6 +181,30 @@ def test_too_few_points_and_other_bad_clouds(lite: Denoiser) -> None:
         lite.denoise(np.ones((100, 3)))
 
 
+@pytest.mark.parametrize("shape", [(0,), (90,), (90, 2), (90, 4), (3, 90), (9, 90, 3)])
+def test_points_of_other_shapes(lite: Denoiser, shape: tuple[int, ...]) -> None:
+    for work in (lite.denoise, lite.plan, lite.prepare):
+        with pytest.raises(CloudError, match="Points are an array") as caught:
+            work(np.zeros(shape))
+        assert caught.value.code == "bad_shape"
+
+
+@pytest.mark.parametrize("normals", [np.ones((5, 3)), np.ones((95, 3)), np.ones((1, 3)), np.ones((90, 2)), np.ones(3)])
+def test_normals_of_other_shapes(lite: Denoiser, normals: np.ndarray) -> None:
+    noisy, _, _ = box(90, 0.01)
+    for work in (lite.denoise, lite.prepare):
+        with pytest.raises(CloudError, match="ormals") as caught:
+            work(noisy, normals)
+        assert caught.value.code == "bad_shape"
+
+
+def test_raw_normals_of_another_name(lite: Denoiser) -> None:
+    noisy, _, _ = box(90, 0.01)
+    for work in (lite.denoise, lite.prepare):
+        with pytest.raises(ChoiceError, match="'PCA'"):
+            work(noisy, initial="PCA")
+
+
 def test_progress_counts_points_times_iterations_and_stop_stops(lite: Denoiser) -> None:
     noisy, _, _ = box(2000, 0.01)
     seen: list[tuple[int, int]] = []
@@ -203,9 +227,9 @@ def test_network_takes_patches_in_their_frame(denoiser: Denoiser) -> None:
 
 def test_metadata_is_enough_to_repeat_the_run(lite: Denoiser) -> None:
     noisy, _, _ = box(1000, 0.01)
-    facts = lite.denoise(noisy, seed=4, iterations=1).metadata
+    facts = lite.denoise(noisy, seed=4, iterations=1, initial="pca").metadata
     assert facts["model"] == "pcdnf-lite"
     assert lite.info is not None
     assert facts["weights_sha256"] == lite.info.sha256
     assert (facts["device"], facts["precision"]) == ("cpu", lite.precision)
-    assert (facts["seed"], facts["iterations"]) == ("4", "1")
+    assert (facts["seed"], facts["iterations"], facts["normals"]) == ("4", "1", "pca")

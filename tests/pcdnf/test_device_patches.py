@@ -85,3 +85,12 @@ def test_the_same_cloud_comes_out() -> None:
     step = np.abs(expected.points - cloud.points[cloud.order])[:, 2].mean()
     assert np.abs(result.points - expected.points)[:, 2].mean() < 0.02 * step
     assert np.abs((result.normals * expected.normals).sum(1)).mean() > 0.999
+
+
+def test_any_seed_will_do() -> None:
+    centres = torch.arange(0, 3000, 50)
+    found = [
+        sources(3000, Recipe(points=16), 0.1, seed=seed)[0].neighbours(centres) for seed in (3, 2**64 + 3, 2**64 - 1)
+    ]
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])

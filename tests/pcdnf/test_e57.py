@@ -174,3 +174,15 @@ def test_without_its_library(refused: Refused, data: bytes, monkeypatch: pytest.
     error = refused(data)
     assert error.code == "missing_extra"
     assert "pcdnf[e57]" in str(error.hint)
+
+
+def test_each_cloud_has_an_identifier_of_its_own_and_the_same_every_time(tmp_path: Path) -> None:
+    def identifier(points: np.ndarray[Any, Any]) -> str:
+        write(tmp_path / "a.e57", PointCloud(points=points), format="e57")
+        with pye57.E57(str(tmp_path / "a.e57")) as file:
+            return str(file.root["guid"].value())
+
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    other = points.copy()
+    other[199, 2] += 1e-9
+    assert identifier(points) == identifier(np.asfortranarray(points)) != identifier(other)

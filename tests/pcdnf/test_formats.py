@@ -15,7 +15,7 @@ import pytest
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import CODES, FormatError, Limits, NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, sniff, write
-from pcdnf.formats.check import main
+from pcdnf.formats.check import guarded, main
 from pcdnf.formats.cloud import row_ranges
 
 POINTS = np.random.default_rng(0).normal(size=(20, 3))
@@ -284,6 +284,16 @@ def test_check_under_a_time_limit(tmp_path: Path) -> None:
     head = "\n".join(["ply", "format binary_little_endian 1.0", *lines, "end_header", ""]).encode()
     path.write_bytes(head + bytes(12) + b"\0\1\1" * 3_000_000)
     assert check(path, "--cpu-seconds", "1")["code"] == "took_too_long"
+
+
+def test_a_full_disk_is_answered_too() -> None:
+    def fill() -> dict[str, Any]:
+        with open("/dev/full", "wb") as file:
+            file.write(b"x")
+        return {"ok": True}
+
+    answer = guarded(fill)
+    assert (answer["ok"], answer["code"], answer["hint"]) == (False, "disk_full", "Try again later.")
 
 
 def test_check_says_what_is_wrong_with_its_arguments(capsys: pytest.CaptureFixture[str]) -> None:

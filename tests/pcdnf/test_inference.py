@@ -53,3 +53,35 @@ def test_a_device_too_small_for_any_batch(tried: dict[str, Any]) -> None:
     assert caught.value.code == "out_of_memory"
     assert caught.value.hint
     assert tried["batches"][-1] == SMALLEST_BATCH
+
+
+def test_a_cloud_begins_with_the_whole_batch_again(tried: dict[str, Any]) -> None:
+    denoiser, points = Denoiser.load("pcdnf-lite", device="cpu"), sheet(300)
+    tried["holds"] = 100
+    denoiser.denoise(points, iterations=1)
+    tried["holds"], tried["batches"] = 10**9, []
+    denoiser.denoise(points, iterations=1)
+    assert tried["batches"] == [512]
+    denoiser.batch, tried["batches"] = 200, []
+    denoiser.denoise(points, iterations=1)
+    assert tried["batches"] == [200, 200], "the caller's, where one is set"
+
+
+def test_no_room_for_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.nn.Module, "to", full)
+    with pytest.raises(DeviceError, match="with the network") as caught:
+        Denoiser.load("pcdnf-lite", device="cpu")
+    assert (caught.value.code, bool(caught.value.hint)) == ("out_of_memory", True)
+
+
+def full(*_: object, **__: object) -> None:
+    raise torch.OutOfMemoryError("injected")
+
+
+def test_no_room_for_the_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pcdnf.preparation.DevicePatchSource", full)
+    denoiser = Denoiser.load("pcdnf-lite", device="cpu")
+    denoiser.device = "cuda:0"  # a cloud goes where the network is
+    with pytest.raises(DeviceError, match="with the cloud") as caught:
+        denoiser.prepare(sheet(300))
+    assert caught.value.code == "out_of_memory"

@@ -51,3 +51,13 @@ def test_the_callers_side_decides() -> None:
 def test_a_handful_of_points_is_enough() -> None:
     found = orient_normals(np.eye(3), np.eye(3))
     assert np.abs(found).tolist() == np.eye(3).tolist()
+
+
+def test_rows_that_are_not_finite_have_no_say() -> None:
+    points, normals = torus(3000)
+    for side in (-1.0, 1.0):
+        like = side * normals
+        like[7] = np.nan
+        like[9, 1] = np.inf
+        found = orient_normals(points, scrambled(normals), like=like)
+        assert ((found * normals).sum(1) * side > 0).mean() > 0.999

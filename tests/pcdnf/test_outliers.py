@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from test_scale import sphere
 
 from pcdnf.formats import PointCloud
@@ -39,3 +40,15 @@ def test_dropping_says_which_rows_of_the_file_went() -> None:
 def test_a_cloud_without_outliers_stays_as_it_is() -> None:
     cloud = PointCloud(points=sphere(400, 0.0))
     assert drop_outliers(cloud) is cloud
+
+
+def test_copies_of_points_make_the_others_no_outliers() -> None:
+    points = sphere(400, 0.005)
+    copies = np.concatenate([np.repeat(points[:300], 20, axis=0), points[300:], [[9.0, 9.0, 9.0]]])
+    assert outlier_rows(copies).tolist() == [len(copies) - 1]
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 40])
+def test_too_few_or_equal_points_have_no_outlier(count: int) -> None:
+    assert outlier_rows(np.ones((count, 3))).dtype == np.int64
+    assert not len(outlier_rows(np.ones((count, 3))))
