@@ -1,9 +1,13 @@
 """The exceptions of this package.
 
 PcdnfError                 a message that says what is wrong, a stable ``code``, a ``hint`` that says what to do
-├── formats.FormatError    a file that cannot be read as a point cloud
-├── checkpoint.CheckpointError
-└── denoiser.CloudError    points that cannot be denoised
+├── formats.FormatError    a file that cannot be read, or a cloud that cannot be written
+├── checkpoint.CheckpointError   a model that cannot be found, read, trusted or written
+├── cloud.CloudError       points that cannot be denoised
+├── choices.ChoiceError    iterations, a radius, raw normals or a form that cannot be used
+├── device.DeviceError     a device or precision that is not there, or has no room
+├── MissingExtra           libraries that were not installed
+└── client.errors          Unreachable, ProblemError and its JobError: of a service
 ``denoiser.Stopped`` is not an error: it is raised when the caller asked to stop.
 """
 

@@ -1,4 +1,4 @@
-"""Initial normals: the caller's, or by principal component analysis of the k nearest neighbours."""
+"""Initial normals: the caller's, or by principal component analysis of the nearest neighbours or of a ball."""
 
 from __future__ import annotations
 

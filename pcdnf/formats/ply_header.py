@@ -17,7 +17,7 @@ from .errors import FormatError, shown
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LINE_BYTES = 1000
 MAX_PARTS = 64
-"""Elements and properties together (a Gaussian-splat file has 63)."""
+"""Elements, and properties of one of them (a vertex of a Gaussian-splat file has 62)."""
 
 BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {
@@ -95,7 +95,6 @@ def read_header(file: BinaryIO) -> Header:
     """
     lines, size = _lines(file)
     header = Header("", [], [], [], {}, size)
-    parts = 0
     for number, line in enumerate(lines[1:-1], start=2):
         words = line.split()
         keyword = words[0] if words else ""
@@ -110,15 +109,14 @@ def read_header(file: BinaryIO) -> Header:
             header.encoding = _encoding(words, number)
         elif keyword == "element":
             header.elements.append(_element(words, number, {element.name for element in header.elements}))
-            parts += 1
         elif keyword == "property":
             _take_property(header, words, number)
-            parts += 1
         else:
             _bad(number, f"{shown(line)} is none of format, comment, obj_info, element, property, end_header")
+        parts = max(len(header.elements), len(header.elements[-1].properties) if header.elements else 0)
         if parts > MAX_PARTS:
             raise FormatError(
-                f"The header declares more than {MAX_PARTS} elements and properties.",
+                f"The header declares more than {MAX_PARTS} elements, or properties of one.",
                 code="too_many_elements",
                 hint="Export fewer per-point properties.",
                 limit=MAX_PARTS,

@@ -336,8 +336,18 @@ def test_a_long_header(refused: Refused) -> None:
 
 
 def test_many_properties(refused: Refused) -> None:
-    error = refused(header(*vertices(2, *XYZ, *(f"uchar a{index}" for index in range(61)))))
+    error = refused(header(*vertices(2, *XYZ, *(f"uchar a{index}" for index in range(62)))))
     assert (error.code, error.limit, error.actual) == ("too_many_elements", 64, 65)
+    error = refused(header(*vertices(2), *(f"element e{index} 0" for index in range(64))))
+    assert (error.code, error.limit, error.actual) == ("too_many_elements", 64, 65)
+
+
+def test_as_many_properties_as_may_be(tmp_path: Path) -> None:
+    declared = [*vertices(2, *XYZ, *(f"float a{index}" for index in range(61))), "element face 0", "property uchar b"]
+    (tmp_path / "a.ply").write_bytes(header(*declared) + np.arange(2 * 64, dtype="<f4").tobytes())
+    cloud = read(tmp_path / "a.ply")
+    assert [*cloud.attributes] == [f"a{index}" for index in range(61)]
+    assert cloud.attributes["a60"].tolist() == [63, 127]
 
 
 def test_a_header_without_an_end(refused: Refused) -> None:
