@@ -32,22 +32,6 @@ def station(path: Path, *, scans: int = 2, **more: Any) -> list[np.ndarray[Any, 
     return local
 
 
-@pytest.fixture
-def refused(tmp_path: Path) -> Refused:
-    """The error that bytes are refused with."""
-
-    def refuse(data: bytes, **limits: Any) -> FormatError:
-        path = tmp_path / "refused"
-        path.write_bytes(data)
-        with pytest.raises(FormatError) as caught:
-            read(path, limits=Limits(**limits))
-        assert str(caught.value).endswith((".", "…"))
-        assert caught.value.hint
-        return caught.value
-
-    return refuse
-
-
 def test_scans_stand_in_one_frame_and_go_back_into_theirs(tmp_path: Path) -> None:
     local = station(tmp_path / "a.e57")
     cloud = read(tmp_path / "a.e57")

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -73,14 +72,6 @@ def test_bfloat16_is_close() -> None:
     cosine = F.cosine_similarity(exact.normal, rough.normal)
     assert (cosine > 0.99).all()
     assert (exact.weight - rough.weight).abs().max() < 0.05
-
-
-@pytest.fixture
-def two_threads() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.mark.usefixtures("two_threads")

@@ -11,7 +11,7 @@ import laspy
 import numpy as np
 import pytest
 
-from pcdnf.formats import FormatError, Limits, PointCloud, read, write
+from pcdnf.formats import FormatError, PointCloud, read, write
 from pcdnf.formats.las_grid import Grid, grid_for, snapped
 from pcdnf.formats.las_points import RECORDS
 
@@ -37,22 +37,6 @@ def survey(path: Path, point_format: int = 7, version: str = "1.4") -> laspy.Las
     las.header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "crs", b'COMPD_CS["UTM"]\0'))
     las.write(str(path))
     return las
-
-
-@pytest.fixture
-def refused(tmp_path: Path) -> Refused:
-    """The error that bytes are refused with."""
-
-    def refuse(data: bytes, **limits: Any) -> FormatError:
-        path = tmp_path / "refused"
-        path.write_bytes(data)
-        with pytest.raises(FormatError) as caught:
-            read(path, limits=Limits(**limits))
-        assert str(caught.value).endswith((".", "…"))
-        assert caught.value.hint
-        return caught.value
-
-    return refuse
 
 
 # What comes back

@@ -75,18 +75,6 @@ def load(tmp_path: Path) -> Callable[..., PointCloud]:
     return from_bytes
 
 
-@pytest.fixture
-def refused(load: Callable[..., PointCloud]) -> Refused:
-    def refuse(data: bytes, **limits: Any) -> FormatError:
-        with pytest.raises(FormatError) as caught:
-            load(data, **limits)
-        assert str(caught.value).endswith(".")
-        assert caught.value.hint
-        return caught.value
-
-    return refuse
-
-
 # What comes back
 
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pcdnf.formats import FormatError, Limits, PlyFlavour, PointCloud, read, write
+from pcdnf.formats import FormatError, PlyFlavour, PointCloud, read, write
 from pcdnf.formats.ply_header import BYTE_ORDERS, TYPES
 
 Refused = Callable[..., FormatError]
@@ -30,22 +30,6 @@ def vertices(count: object, *properties: str) -> list[str]:
 
 def floats(count: int) -> bytes:
     return np.arange(3 * count, dtype="<f4").tobytes()
-
-
-@pytest.fixture
-def refused(tmp_path: Path) -> Refused:
-    """The error that bytes are refused with."""
-
-    def refuse(data: bytes, **limits: object) -> FormatError:
-        path = tmp_path / "cloud.ply"
-        path.write_bytes(data)
-        with pytest.raises(FormatError) as caught:
-            read(path, limits=Limits(**limits))  # type: ignore[arg-type]
-        assert str(caught.value).endswith((".", "…")), "a sentence"
-        assert caught.value.hint
-        return caught.value
-
-    return refuse
 
 
 # What comes back

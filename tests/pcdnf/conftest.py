@@ -1,0 +1,37 @@
+"""What the tests of several modules share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from pcdnf.formats import FormatError, Limits, read
+
+
+@pytest.fixture
+def refused(tmp_path: Path) -> Callable[..., FormatError]:
+    """The error that the bytes of a file are refused with."""
+
+    def refuse(data: bytes, **limits: Any) -> FormatError:
+        path = tmp_path / "refused"
+        path.write_bytes(data)
+        with pytest.raises(FormatError) as caught:
+            read(path, limits=Limits(**limits))
+        assert str(caught.value).endswith((".", "…")), "a sentence"
+        assert caught.value.hint
+        return caught.value
+
+    return refuse
+
+
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    """Two threads of torch, whatever the machine has."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
