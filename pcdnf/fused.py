@@ -26,6 +26,7 @@ ROWS = 32
 
 intrinsic: Any = extending.intrinsic
 _jit: Any = numba.njit(parallel=True, cache=True, nogil=True)
+_sums: Any = numba.njit(parallel=True, cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
 _inline: Any = numba.njit(cache=True, nogil=True, inline="always")
 
 
@@ -245,9 +246,9 @@ def pool(features: Features, out: Float) -> None:
         out[b, first : first + width] = best
 
 
-@_jit
-def centre(features: Features, out: Float) -> None:
-    """Features less their mean over the patch, in float32: (B, N, C) -> (B, N, C)."""
+@_sums
+def centre(features: Features, out: Features, squares: Float) -> None:
+    """Features less their mean over the patch, (B, N, C) -> (B, N, C), and the squared lengths (B, N) of those."""
     B, N, C = features.shape
     for b in numba.prange(B):
         mean = np.zeros(C, np.float32)
@@ -260,4 +261,8 @@ def centre(features: Features, out: Float) -> None:
         for i in range(N):
             v, row = features[b, i], out[b, i]
             for c in range(C):
-                row[c] = _wide(v[c]) - mean[c]
+                row[c] = _narrow(_wide(v[c]) - mean[c], out)
+            total = np.float32(0)
+            for c in range(C):
+                total += _wide(row[c]) * _wide(row[c])
+            squares[b, i] = total

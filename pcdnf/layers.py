@@ -104,15 +104,14 @@ class Edges:
 
 def feature_graph(x: Tensor, k: int) -> Tensor:
     """x (B, N, C) -> nearest points in feature space (B, N, k), int32."""
-    B, N, C = x.shape
-    centred = torch.empty(B, N, C)
-    fused.centre(bare(x), centred.numpy())
+    B, N, _ = x.shape
+    centred, squares = torch.empty_like(x), torch.empty(B, N)
+    fused.centre(bare(x), bare(centred), squares.numpy())
     graph = torch.empty(B, N, k, dtype=torch.int32)
     rows = everyone(1, N)
     for b in range(B):  # one matrix of inner products at a time stays in the cache until it is read
-        gram = Affine(centred[b], None, torch.float32, pack=False)(centred[b])  # (N, N)
-        squares = gram.diagonal().contiguous()
-        selection.select_features(gram[None].numpy(), squares[None].numpy(), rows, graph[b : b + 1].numpy())
+        gram = Affine(centred[b], None, x.dtype, pack=False)(centred[b])  # (N, N)
+        selection.select_features(bare(gram[None]), squares[b : b + 1].numpy(), rows, graph[b : b + 1].numpy())
     return graph
 
 

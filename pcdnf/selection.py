@@ -25,6 +25,8 @@ from numba import extending, types
 from numba.core import cgutils
 from numpy.typing import NDArray
 
+from .fused import Features, _wide
+
 Float = NDArray[np.float32]
 Index = NDArray[np.int32]
 
@@ -201,10 +203,11 @@ def _take(keys: Any, bound: Any, found: Any, found_keys: Any, ranks: Any, row: A
 
 
 @_jit
-def select_features(gram: Float, squares: Float, queries: Index, index: Index) -> None:
+def select_features(gram: Features, squares: Float, queries: Index, index: Index) -> None:
     """The k nearest points from inner products: gram (B, N, N), its diagonal (B, N), queries (B, Q) -> index (B, Q, k).
 
-    The rank of candidate q for point p is that of ``|q|^2 - 2 p.q``: the term ``|p|^2`` is the same for all.
+    ``gram`` is float32, or bfloat16 seen as uint16. The rank of candidate q for point p is that of ``|q|^2 - 2 p.q``:
+    the term ``|p|^2`` is the same for all.
     """
     B, Q, _ = index.shape
     N = gram.shape[1]
@@ -221,7 +224,7 @@ def select_features(gram: Float, squares: Float, queries: Index, index: Index) -
             products, own = gram[b, p], squares[b]
             row_keys = keys[lane]
             for j in range(N):
-                row_keys[j] = own[j] - np.float32(2.0) * products[j]
+                row_keys[j] = own[j] - np.float32(2.0) * _wide(products[j])
             row_keys[p] = -np.inf
             _group_minima(row_keys, padded, low)
             for group in range(GROUPS):

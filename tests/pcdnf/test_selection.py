@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
+from pcdnf.layers import bare
 from pcdnf.selection import GROUPS, MOST, NETWORK, select_coordinates, select_features
 
 
@@ -32,6 +34,15 @@ def test_features(N: int, k: int) -> None:
     index = np.full((1, N, k), -1, np.int32)
     select_features(gram[None], squares[None], np.arange(N, dtype=np.int32)[None], index)
     np.testing.assert_array_equal(index[0], order(squares - 2 * gram, k))
+
+
+def test_features_in_bfloat16_with_their_ties() -> None:
+    x = torch.randn(1, 512, 20, generator=torch.Generator().manual_seed(0)).bfloat16()
+    gram = x @ x.transpose(1, 2)
+    squares = x.float().square().sum(-1)
+    index = np.full((1, 512, 16), -1, np.int32)
+    select_features(bare(gram), squares.numpy(), np.arange(512, dtype=np.int32)[None], index)
+    np.testing.assert_array_equal(index[0], order((squares - 2 * gram[0].float()).numpy(), 16))
 
 
 @pytest.mark.parametrize(("N", "k"), [(512, 16), (100, 10), (65, 3), (7, 7)])
