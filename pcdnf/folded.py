@@ -47,8 +47,7 @@ class _Extractor:
         (scale1, shift1), (scale2, shift2) = scale_shift(small.norm), scale_shift(large.norm)
         weights = [small.neighbour.weight, large.neighbour.weight]
         weights += [scale1[:, None] * small.centre.weight, scale2[:, None] * large.centre.weight]
-        self.weight = torch.cat(weights)  # (96, 3)
-        self.bias = torch.cat([torch.zeros(48), shift1, shift2])
+        self.project = Affine(torch.cat(weights), torch.cat([torch.zeros(48), shift1, shift2]), torch.float32)
         self.scales = scale1.numpy(), scale2.numpy()
         self.mix, self.lift = fold_conv(extractor.mix, dtype), fold_conv(extractor.lift, dtype)
         self.feature = Edges(extractor.feature, dtype)
@@ -64,7 +63,7 @@ class _Extractor:
         """x (B, M, 3) -> features (B, M, 128), hidden (B, M, 128): head, selector."""
         B, M, _ = x.shape
         graph = coordinate_graph(x, self.k2)  # (B, M, k2)
-        projected = F.linear(x, self.weight, self.bias).numpy()  # (B, M, 96)
+        projected = self.project(x.view(B * M, 3)).view(B, M, 96).numpy()
         f = torch.empty(B, M, 48, dtype=self.dtype)
         fused.edge_conv(projected, 0, 48, graph.numpy(), self.k1, self.scales[0], SLOPE, bare(f), 0)
         fused.edge_conv(projected, 16, 64, graph.numpy(), self.k2, self.scales[1], SLOPE, bare(f), 16)
