@@ -30,6 +30,8 @@ log = logging.getLogger(__name__)
 BATCH = {"pcdnf": 32, "lite": 512}
 """Patches a batch on the CPU: chunks of them for some threads."""
 CUDA_BATCH = {"pcdnf": 512, "lite": 8192}
+CUDA_PATCH_BYTES = {"pcdnf": 6 << 20, "lite": 1 << 20}
+"""Generous, of a patch and all that is made of it: a batch takes at most half of the memory that is free."""
 SMALLEST_BATCH = 8
 """Less is not tried where a device runs out of memory."""
 FEWEST_NEIGHBOURS = 6
@@ -42,6 +44,15 @@ ShouldStop = Callable[[], bool]
 
 class Stopped(Exception):
     """The caller's ``should_stop`` said so."""
+
+
+def batch_for(kind: str, device: str) -> int:
+    """Patches a batch: on a GPU as many as suit its free memory, a power of two."""
+    if device == "cpu":
+        return BATCH[kind]
+    free, _ = torch.cuda.mem_get_info(device)
+    fitting = max(SMALLEST_BATCH, free // 2 // CUDA_PATCH_BYTES[kind])
+    return min(CUDA_BATCH[kind], 1 << (fitting.bit_length() - 1))
 
 
 class Inference:
@@ -63,7 +74,7 @@ class Inference:
     def __init__(self, network: nn.Module, *, device: str = "cpu", precision: str = "float32") -> None:
         self.device, self.precision = device, precision
         self.kind = "pcdnf" if isinstance(network, PCDNF) else "lite"
-        self.batch = (BATCH if device == "cpu" else CUDA_BATCH)[self.kind]
+        self.batch = batch_for(self.kind, device)
         dtype = torch.bfloat16 if precision == "bfloat16" else torch.float32
         if device == "cpu":
             keep_freed_memory()

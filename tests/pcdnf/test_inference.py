@@ -8,7 +8,7 @@ import torch
 
 from pcdnf import Denoiser
 from pcdnf.device import DeviceError
-from pcdnf.inference import SMALLEST_BATCH, Inference
+from pcdnf.inference import BATCH, SMALLEST_BATCH, Inference, batch_for
 
 
 def sheet(count: int) -> np.ndarray:
@@ -44,6 +44,18 @@ def test_out_of_device_memory_halves_the_batch_and_loses_nothing(tried: dict[str
     assert denoiser.batch == 64
     assert told == [*range(64, 700, 64), 700]
     np.testing.assert_allclose(found.points, expected.points, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "free", "batch"),
+    [("lite", 70 << 30, 8192), ("lite", 5 << 30, 2048), ("pcdnf", 2 << 30, 128), ("pcdnf", 1, 8)],
+)
+def test_a_batch_suits_the_memory_that_is_free(
+    kind: str, free: int, batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _: (free, 80 << 30))
+    assert batch_for(kind, "cuda:0") == batch
+    assert batch_for(kind, "cpu") == BATCH[kind]
 
 
 def test_a_device_too_small_for_any_batch(tried: dict[str, Any]) -> None:
