@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from apart import TILE, Apart, nothing_left_over, succeeded, until
+from injection import inject
 from service_process import write_sphere
 
 from pcdnf.formats import read
 
-INJECTION = """
-import importlib.util, os, sys
 
-class Injector:
-    def find_spec(self, name, path=None, target=None):
-        if name != "pcdnf.inference":
-            return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        load = spec.loader.exec_module
-        def exec_module(module):
-            load(module)
-            import torch
-            network = module.Inference.network
-            def small(self, points, *others):
-                if len(points) > int(open(os.environ["DEVICE_HOLDS"]).read()):
-                    raise torch.OutOfMemoryError("injected")
-                return network(self, points, *others)
-            module.Inference.network = small
-        spec.loader.exec_module = exec_module
-        return spec
+def holds_few(inference: ModuleType) -> None:
+    """The device holds as many patches as a file says."""
+    import os
+    from pathlib import Path
 
-sys.meta_path.insert(0, Injector())
-"""
+    import torch
+
+    network = inference.Inference.network
+
+    def small(self: Any, points: torch.Tensor, normals: torch.Tensor) -> Any:
+        if len(points) > int(Path(os.environ["DEVICE_HOLDS"]).read_text()):
+            raise torch.OutOfMemoryError("injected")
+        return network(self, points, normals)
+
+    inference.Inference.network = small
 
 
 def test_device_out_of_memory(tmp_path: Path) -> None:
@@ -42,12 +36,7 @@ def test_device_out_of_memory(tmp_path: Path) -> None:
     service = Apart(tmp_path / "service", tile_points=TILE)
     service.start()
     expected = succeeded(service, service.submit(path)["id"])
-    sound = dict(service.environment)
-    (tmp_path / "sitecustomize.py").write_text(INJECTION)
-    service.environment |= {
-        "PYTHONPATH": os.pathsep.join([str(tmp_path), sound.get("PYTHONPATH", "")]),
-        "DEVICE_HOLDS": str(tmp_path / "holds"),
-    }
+    inject(service, tmp_path, "pcdnf.inference", holds_few, DEVICE_HOLDS=tmp_path / "holds")
     for holds in (100, 1):
         (tmp_path / "holds").write_text("1000000")  # the model is warmed first
         service.kill_worker()

@@ -7,38 +7,32 @@ import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import httpx
 import pytest
 from apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
+from injection import inject
 from service_process import write_sphere
 
 POINTS = 3 * TILE
-DIES_ONCE = """
-import importlib.util, os, signal, sys
 
-class Injector:
-    def find_spec(self, name, path=None, target=None):
-        if name != "service.storage":
-            return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        load = spec.loader.exec_module
-        def exec_module(module):
-            load(module)
-            clear = module.LocalStorage.delete_job
-            def dies(self, job_id, *, keep=frozenset()):
-                if keep and not os.path.exists(os.environ["DIED"]):
-                    open(os.environ["DIED"], "w").close()
-                    os.kill(os.getpid(), signal.SIGKILL)
-                clear(self, job_id, keep=keep)
-            module.LocalStorage.delete_job = dies
-        spec.loader.exec_module = exec_module
-        return spec
 
-sys.meta_path.insert(0, Injector())
-"""
+def die_once(storage: ModuleType) -> None:
+    """The process that clears a finished job away first is killed."""
+    import os
+    import signal
+
+    clear = storage.LocalStorage.delete_job
+
+    def dies(self: Any, job_id: str, *, keep: frozenset[str] = frozenset()) -> None:
+        if keep and not os.path.exists(os.environ["DIED"]):
+            open(os.environ["DIED"], "w").close()
+            os.kill(os.getpid(), signal.SIGKILL)
+        clear(self, job_id, keep=keep)
+
+    storage.LocalStorage.delete_job = dies
 
 
 def _done(service: Apart, folder: Path) -> int:
@@ -93,10 +87,8 @@ def test_killed_worker(service: Apart, undisturbed: tuple[Path, bytes], window: 
 
 def test_killed_between_the_end_and_the_clearing(undisturbed: tuple[Path, bytes], tmp_path: Path) -> None:
     path, expected = undisturbed
-    (tmp_path / "sitecustomize.py").write_text(DIES_ONCE)
     service = Apart(tmp_path / "service", tile_points=TILE)
-    found = [str(tmp_path), service.environment.get("PYTHONPATH", "")]
-    service.environment |= {"PYTHONPATH": os.pathsep.join(found), "DIED": str(tmp_path / "died")}
+    inject(service, tmp_path, "service.storage", die_once, DIED=tmp_path / "died")
     service.start()
     job = service.submit(path)["id"]
     assert service.workers["worker-0"].wait(120) == -signal.SIGKILL
