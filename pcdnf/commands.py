@@ -52,7 +52,7 @@ def add_denoise(subparsers: Subparsers) -> None:
         help="size of the neighbourhoods: auto, a length in the cloud's unit, or a share of its diagonal: 4%% (auto)",
     )
     parser.add_argument(
-        "--fast", action="store_true", help="half as many neighbours a point: about 1.6 times as fast, a little rougher"
+        "--fast", action="store_true", help="half as many neighbours a point: about 1.4 times as fast, a little rougher"
     )
     parser.add_argument("--model", metavar="M", help="a name that `pcdnf models` lists, or a .safetensors file")
     parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")

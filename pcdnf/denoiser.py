@@ -251,7 +251,7 @@ class Denoiser:
         iterations, radius
             See :func:`pcdnf.plan.make_plan`. Each iteration takes points and normals of the one before.
         fast : bool
-            Half as many neighbours a point, where the network can do with them: about 1.6 times as fast.
+            Half as many neighbours a point, where the network can do with them: about 1.4 times as fast.
         initial : {"auto", "pca", "input"}
             Raw normals of the first iteration, see :meth:`prepare`.
         seed : int

@@ -56,7 +56,7 @@ class Parameters(BaseModel):
         examples=["auto", "4%", "0.05"],
     )
     fast: bool = Field(
-        False, description="Whether half as many neighbours a point will do: about 1.6 times as fast, a little rougher"
+        False, description="Whether half as many neighbours a point will do: about 1.4 times as fast, a little rougher"
     )
     model: str = Field("", description="Name of a model of `GET /models`; empty for the default")
     seed: int = Field(0, ge=0, lt=SEED_LIMIT, description="Seed of every random choice")
