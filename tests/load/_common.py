@@ -14,7 +14,8 @@ from typing import Any
 
 import httpx
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[number]) for number in (2, 1)]  # tests/pcdnf is not the package
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # first: tests/pcdnf is not the package
 
 from service_process import Service, write_sphere
 
