@@ -64,12 +64,13 @@ def serve(arguments: argparse.Namespace) -> int:
     """Run the service; return the exit status."""
     _take_options(arguments)
     from . import logs
-    from .process import load_settings, refuse
+    from .process import load_settings, make_data_dir, refuse
     from .server import bind
     from .settings import SettingsError
     from .supervisor import supervise
 
     settings = load_settings()
+    make_data_dir(settings)
     logs.configure(settings)
     try:
         settings.check_exposure()

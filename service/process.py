@@ -49,6 +49,14 @@ def load_settings() -> Settings:
         sys.exit(EX_CONFIG)
 
 
+def make_data_dir(settings: Settings) -> None:
+    """Make the data folder where it is missing, or end the process with a sentence."""
+    try:
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        refuse(f"The data folder {settings.data_dir} cannot be made: {error.strerror}. Set PCDNF_DATA_DIR.")
+
+
 def refuse(reason: str) -> NoReturn:
     """End the process because of how it was set up."""
     print(f"pcdnf: {reason}", file=sys.stderr)

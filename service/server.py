@@ -15,7 +15,7 @@ from fastapi import FastAPI
 
 from . import tracing
 from .app import STORAGE_SECONDS, create_app
-from .process import SUPERVISOR_VARIABLE, die_with_supervisor, load_settings, observe, refuse
+from .process import SUPERVISOR_VARIABLE, die_with_supervisor, load_settings, make_data_dir, observe, refuse
 from .protocol import Protocol
 from .settings import Settings, SettingsError
 from .storage import open_storage
@@ -105,6 +105,7 @@ def url(settings: Settings, listener: socket.socket) -> str:
 def main() -> None:
     """Serve until SIGTERM or SIGINT."""
     settings = load_settings()
+    make_data_dir(settings)
     observe(settings, "pcdnf-api")
     die_with_supervisor()
     try:

@@ -22,7 +22,7 @@ from pcdnf.errors import PcdnfError
 from . import database, tracing
 from .jobs import Jobs
 from .problems import Problem
-from .process import EX_CONFIG, die_with_supervisor, load_settings, observe, refuse
+from .process import EX_CONFIG, die_with_supervisor, load_settings, make_data_dir, observe, refuse
 from .recovery import launch, settle, take_over
 from .retention import Retention
 from .settings import Settings, SettingsError
@@ -123,6 +123,7 @@ class Heart:
 def main() -> None:
     """Run jobs until SIGTERM or SIGINT; the tile in hand is finished and checkpointed first."""
     settings = load_settings()
+    make_data_dir(settings)
     observe(settings, "pcdnf-worker")
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

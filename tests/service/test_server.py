@@ -51,6 +51,17 @@ def test_a_storage_that_cannot_be_is_refused_with_a_sentence(tmp_path: Path, mod
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.parametrize("module", ["service.server", "service.worker", "service"])
+def test_a_data_folder_that_cannot_be_is_refused_with_a_sentence(tmp_path: Path, module: str) -> None:
+    (tmp_path / "file").touch()
+    environment = Service(tmp_path, port=0).environment | {"PCDNF_DATA_DIR": str(tmp_path / "file" / "data")}
+    ended = subprocess.run([sys.executable, "-m", module], env=environment, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == EX_CONFIG
+    assert ended.stderr.splitlines()[-1] == (
+        f"pcdnf: The data folder {tmp_path}/file/data cannot be made: Not a directory. Set PCDNF_DATA_DIR."
+    )
+
+
 def test_an_upload_in_hand_is_taken_before_the_api_ends(tmp_path: Path, small: Path) -> None:
     service = Service(tmp_path, grace_seconds=20)
     environment = service.environment
