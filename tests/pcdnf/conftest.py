@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import torch
 
-from pcdnf.formats import FormatError, Limits, read
+from pcdnf.formats import FormatError, Limits, PointCloud, read
 
 
 @pytest.fixture
@@ -35,3 +35,15 @@ def two_threads() -> Iterator[None]:
     torch.set_num_threads(2)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Callable[..., PointCloud]:
+    """Reads a cloud from the bytes of a file."""
+
+    def from_bytes(data: bytes, **limits: Any) -> PointCloud:
+        path = tmp_path / "cloud.bin"
+        path.write_bytes(data)
+        return read(path, limits=Limits(**limits))
+
+    return from_bytes

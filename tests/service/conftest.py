@@ -86,3 +86,9 @@ def bucket(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> str:
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A PLY of 2,000 points."""
     return write_sphere(tmp_path_factory.mktemp("clouds") / "small scan.ply", 2000)
+
+
+@pytest.fixture(scope="module")
+def done(running: Service, small: Path) -> dict[str, Any]:
+    """A finished job of the small cloud, two iterations, seed 3."""
+    return running.wait_status(running.submit(small, iterations=2, seed=3)["id"], "succeeded", "failed")

@@ -5,10 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
-import re
-import subprocess
-import sys
-import time
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -17,21 +13,13 @@ import httpx
 import numpy as np
 import pytest
 from display_file import read_display
-from service_process import Service, sphere, write_sphere
+from service_process import Service, sphere
 
 import pcdnf
 from pcdnf.denoiser import Denoiser
 from pcdnf.formats import NpzFlavour, PlyFlavour, PointCloud, read, write
 from pcdnf.normals import pca_normals
 from service.jobs import USUAL_ITERATIONS
-from service.problems import ProblemDetail
-from service.views import EXAMPLE, JobView
-
-
-@pytest.fixture(scope="module")
-def done(running: Service, small: Path) -> dict[str, Any]:
-    """A finished job of the small cloud, two iterations, seed 3."""
-    return running.wait_status(running.submit(small, iterations=2, seed=3)["id"], "succeeded", "failed")
 
 
 def _read(response: httpx.Response, folder: Path) -> PointCloud:
@@ -283,43 +271,6 @@ def test_a_job_that_fails_says_why(running: Service, tmp_path: Path) -> None:
         assert response.json()["cause"] == job["problem"]["code"]
 
 
-def test_deleting_a_finished_job(running: Service, small: Path) -> None:
-    job = running.wait_status(running.submit(small)["id"], "succeeded")
-    folder = running.data / "jobs" / job["id"]
-    deadline = time.monotonic() + 20
-    while (folder / "tiles").exists() or list(folder.glob("iteration-*")) or list(folder.glob("raw-*")):
-        assert time.monotonic() < deadline  # they go right after the job has succeeded
-        time.sleep(0.02)
-    kept = sorted(re.sub("-[0-9a-f]{8}", "", path.name) for path in folder.iterdir())
-    assert kept == ["display.glb", "result.npz", "result.ply", "upload"]
-    assert running.client.delete(f"/jobs/{job['id']}").status_code == 204
-    assert not folder.exists()
-    for path in (f"/jobs/{job['id']}", f"/jobs/{job['id']}/result", f"/jobs/{job['id']}/display"):
-        response = running.client.get(path)
-        assert (response.status_code, response.json()["code"]) == (404, "job_not_found")
-
-
-def test_cancelling_a_queued_and_a_running_job(running: Service, tmp_path: Path) -> None:
-    path = write_sphere(tmp_path / "large.ply", 210_000)  # of a lane with one job in hand
-    live, queued = running.submit(path), running.submit(path)
-    running.wait_status(live["id"], "running")
-    early = running.client.get(f"/jobs/{live['id']}/result")
-    assert (early.status_code, early.json()["code"]) == (409, "job_not_finished")
-    assert "retry-after" in early.headers
-    response = running.client.delete(f"/jobs/{queued['id']}")
-    assert (response.status_code, response.json()["status"]) == (200, "cancelled")
-    response = running.client.delete(f"/jobs/{live['id']}")
-    assert (response.status_code, response.json()["status"]) == (202, "cancelling")
-    ended = running.wait_status(live["id"], "cancelled", "succeeded", seconds=15)
-    assert ended["status"] == "cancelled"
-    assert ended["progress"]["done"] < 210_000
-    for job in (live, queued):
-        gone = running.client.get(f"/jobs/{job['id']}/result")
-        assert (gone.status_code, gone.json()["code"]) == (410, "job_cancelled")
-        assert not (running.data / "jobs" / job["id"]).exists()
-        assert running.client.delete(f"/jobs/{job['id']}").status_code == 204
-
-
 def test_list(running: Service, done: dict[str, Any]) -> None:
     jobs = running.client.get("/jobs", params={"limit": 100}).json()
     assert done["id"] in [job["id"] for job in jobs]
@@ -328,134 +279,3 @@ def test_list(running: Service, done: dict[str, Any]) -> None:
     assert older[0]["id"] == jobs[1]["id"]
     for query in ("limit=0", "limit=101", "before=x", "page=2"):
         assert running.client.get(f"/jobs?{query}").json()["code"] == "invalid_parameters"
-
-
-def test_models(running: Service) -> None:
-    models = {model["name"]: model for model in running.client.get("/models").json()}
-    assert models["pcdnf-lite"]["default"] is True
-    info = Denoiser.load("pcdnf-lite", device="cpu").info
-    assert info is not None
-    for name in ("kind", "licence", "version", "sha256", "recipe", "training"):
-        assert models["pcdnf-lite"][name] == getattr(info, name)
-
-
-def test_probes(running: Service) -> None:
-    assert running.client.get("/livez").json() == {"status": "alive"}
-    ready = running.client.get("/readyz").json()
-    assert ready["status"] == "ready"
-    assert ready["workers"][0]["state"] == "ready"
-    assert ready["workers"][0]["device_requested"] == "auto"
-    assert ready["workers"][0]["model"] == "pcdnf-lite"
-    assert ready["free_bytes"] > 0
-
-
-def test_never_ready_without_a_worker(api: httpx.Client) -> None:
-    response = api.get("/readyz")
-    assert (response.status_code, response.json()["code"]) == (503, "not_ready")
-    assert response.json()["detail"] == "No worker is running."
-    assert api.get("/livez").status_code == 200
-
-
-def test_expired(make_api: Any, small: Path) -> None:
-    api = make_api(job_ttl=0.01)
-    job = api.post("/denoise", files={"file": small.read_bytes()}).json()
-    assert api.delete(f"/jobs/{job['id']}").status_code == 200
-    time.sleep(0.05)
-    for path in (f"/jobs/{job['id']}", f"/jobs/{job['id']}/result", f"/jobs/{job['id']}/display"):
-        response = api.get(path)
-        assert (response.status_code, response.json()["code"]) == (410, "job_expired")
-
-
-def test_too_many_at_a_time(make_api: Any) -> None:
-    api = make_api(max_requests=1)
-    body = iter([b"ply\n"])
-
-    def slow() -> Any:
-        yield from body
-        busy = api.get("/jobs")
-        assert (busy.status_code, busy.json()["code"]) == (503, "too_busy")
-        assert busy.headers["retry-after"]
-        assert api.get("/livez").status_code == 200
-
-    api.post("/denoise", content=slow(), headers={"Content-Type": "application/ply"})
-    assert api.get("/jobs").status_code == 200
-
-
-def test_the_api_process_has_neither_torch_nor_readers() -> None:
-    code = (
-        "import sys, service.server, service.catalogue; service.server.create_app(); service.catalogue.shipped();"
-        "print({'torch', 'numba', 'scipy', 'pcdnf.formats', 'pcdnf.denoiser'} & set(sys.modules))"
-    )
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert output.strip() == "set()"
-
-
-def test_the_running_api_has_no_torch(running: Service, done: dict[str, Any]) -> None:
-    assert done["status"] == "succeeded"
-    maps = Path(f"/proc/{running.child('service.server')}/maps").read_text()
-    assert "libtorch" not in maps
-    assert "libtorch" in Path(f"/proc/{running.child('service.worker')}/maps").read_text()
-
-
-EVERYWHERE = {
-    "headers_too_slow", "headers_too_large", "cross_site", "internal_error", "too_busy", "database_unavailable",
-}  # fmt: skip
-CALLER = {"not_authenticated", "too_many_requests"}
-JOB = CALLER | {"invalid_parameters", "job_not_found", "job_expired"}
-FILES = JOB | {"job_not_finished", "job_failed", "job_cancelled", "storage_unavailable"}
-MODEL = CALLER | {"invalid_parameters", "model_not_found"}
-ERRORS = {
-    ("post", "/denoise"): CALLER | {
-        "bad_request", "upload_too_slow", "idempotency_key_in_use", "job_expired", "upload_too_large",
-        "file_too_large", "too_many_points", "too_much_work", "unsupported_media_type", "unsupported_encoding",
-        "unknown_format", "missing_extra", "invalid_parameters", "invalid_upload", "idempotency_key_reused",
-        "empty_upload", "normals_missing", "not_enough_memory", "took_too_long", "quota_exceeded", "queue_full",
-        "disk_full", "draining", "stopping", "storage_unavailable",
-    },
-    ("get", "/jobs"): CALLER | {"invalid_parameters"},
-    ("get", "/jobs/{job_id}"): JOB,
-    ("delete", "/jobs/{job_id}"): JOB | {"storage_unavailable"},
-    ("get", "/jobs/{job_id}/events"): JOB,
-    ("get", "/jobs/{job_id}/result"): FILES | {
-        "not_acceptable", "range_not_satisfiable", "not_enough_memory", "took_too_long", "disk_full",
-    },
-    ("get", "/jobs/{job_id}/display"): FILES | {"display_not_found"},
-    ("get", "/models"): CALLER,
-    ("get", "/livez"): set(),
-    ("get", "/readyz"): {"not_ready"},
-    ("get", "/metrics"): CALLER | {"invalid_parameters"},
-    ("get", "/v2"): CALLER,
-    ("get", "/v2/health/live"): set(),
-    ("get", "/v2/health/ready"): {"not_ready"},
-    ("get", "/v2/models/{model}"): MODEL,
-    ("get", "/v2/models/{model}/ready"): MODEL | {"not_ready"},
-}  # fmt: skip
-
-
-def test_openapi_shows_every_route_and_error(api: httpx.Client) -> None:
-    document = api.get("/openapi.json").json()
-    assert document["openapi"].startswith("3.1")
-    assert set(document["paths"]) == {"/denoise", "/jobs", "/jobs/{job_id}", "/jobs/{job_id}/result",
-                                      "/jobs/{job_id}/events", "/jobs/{job_id}/display", "/models",
-                                      "/livez", "/readyz", "/metrics", "/v2", "/v2/health/live", "/v2/health/ready",
-                                      "/v2/models/{model}", "/v2/models/{model}/ready"}  # fmt: skip
-    found = {}
-    for path, operations in document["paths"].items():
-        for method, operation in operations.items():
-            codes = set()
-            for status, body in operation["responses"].items():
-                if status[0] not in "45":
-                    continue
-                ((media_type, content),) = body["content"].items()
-                assert media_type == "application/problem+json"
-                for code, example in content["examples"].items():
-                    assert (example["value"]["code"], str(example["value"]["status"])) == (code, status)
-                    ProblemDetail.model_validate(example["value"])
-                codes |= set(content["examples"])
-            assert codes >= EVERYWHERE, path
-            found[method, path] = codes - EVERYWHERE
-    assert found == ERRORS
-    (job,) = document["components"]["schemas"]["JobView"]["examples"]
-    assert job == {name: value for name, value in EXAMPLE.items() if value is not None}  # as FastAPI shows it
-    assert set(JobView.model_validate(EXAMPLE).model_dump()) == set(EXAMPLE)
-    assert "multipart/form-data" in document["paths"]["/denoise"]["post"]["requestBody"]["content"]
