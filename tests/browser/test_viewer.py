@@ -327,6 +327,8 @@ def test_keyboard_alone(running: Service, make_page: MakePage, tmp_path: Path) -
 @pytest.mark.parametrize("size", [DESKTOP, PHONE])
 def test_layout(running: Service, make_page: MakePage, done: dict[str, Any], size: tuple[int, int], dark: bool) -> None:
     page = make_page(_base(running), size=size, dark=dark)
+    processor = page.context.new_cdp_session(page)
+    processor.send("Emulation.setCPUThrottlingRate", {"rate": 12})  # so slow that half a page would be painted
     page.add_init_script(
         "window.shift = 0; new PerformanceObserver((list) => list.getEntries().forEach(e => {"
         " if (!e.hadRecentInput) shift += e.value; })).observe({type: 'layout-shift', buffered: true});"
@@ -335,6 +337,7 @@ def test_layout(running: Service, make_page: MakePage, done: dict[str, Any], siz
         page.goto(address)
         wait_state(page, name)
         page.wait_for_timeout(300)
+        processor.send("Emulation.setCPUThrottlingRate", {"rate": 1})
         assert page.evaluate("document.documentElement.scrollWidth") == size[0]
         outside, small = page.evaluate(
             """() => {
