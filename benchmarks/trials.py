@@ -30,7 +30,7 @@ DEFAULTS_LITE = DEFAULTS["lite"]
 SEED = 600_000
 RATE = 5e-4
 TRIALS = {
-    "control": "as it was trained",
+    "control": "as it was trained until then",
     "repulsion": "alpha = 0.97, the paper's",
     "no nearest": "without the distance to the nearest clean point",
     "points alone": "without the normal loss",
@@ -47,20 +47,9 @@ def loaded(name: str) -> nn.Module:
     return network
 
 
-def coplanarity(output: Any, batch: Batch) -> Tensor:
-    """Cross entropy of the weights against whether a neighbour's clean point lies on the centre's tangent plane."""
-    nearest = batch.surface.points.square().sum(-1).argmin(1)
-    rows = torch.arange(len(nearest))
-    foot, normal = batch.surface.points[rows, nearest], batch.surface.normals[rows, nearest]
-    height = ((batch.clean_points - foot[:, None]) * normal[:, None]).sum(-1)
-    turned = (batch.clean_normals * normal[:, None]).sum(-1).abs()
-    target = (torch.exp(-(height / 0.05).square()) * turned.square()).clamp(max=1)
-    return F.binary_cross_entropy(output.weight.clamp(1e-5, 1 - 1e-5), target)
-
-
 def loss_of(trial: str, output: Any, batch: Batch, teacher: Any) -> Tensor:
     """The trial's loss."""
-    weights = DEFAULTS_LITE.losses
+    weights = replace(DEFAULTS_LITE.losses, coplanar=float(trial == "coplanar"))
     if trial == "repulsion":
         weights = replace(weights, alpha=0.97)
     elif trial == "no nearest":
@@ -68,8 +57,6 @@ def loss_of(trial: str, output: Any, batch: Batch, teacher: Any) -> Tensor:
     elif trial == "points alone":
         weights = replace(weights, normal=0.0)
     loss, _ = joint_loss(output, batch, weights)
-    if trial == "coplanar":
-        loss = loss + coplanarity(output, batch)
     if trial == "distilled":
         loss = loss + 50 * (output.displacement - teacher.displacement).norm(dim=-1).mean()
         loss = loss + 5 * normal_loss(output.normal, F.normalize(teacher.normal, dim=-1)).mean()

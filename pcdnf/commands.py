@@ -259,7 +259,7 @@ def add_train(subparsers: Subparsers, *, complete: bool) -> None:
     """Add the command ``train``; its options cost an import of torch, so only where they are needed."""
     parser = subparsers.add_parser("train", help="train a network on generated shapes")
     if complete:
-        from .training import add_train_arguments
+        from .training_options import add_train_arguments
 
         add_train_arguments(parser)
     parser.set_defaults(run=_train)

@@ -15,11 +15,13 @@ ANGLE = math.radians(15)
 """theta's angle: normals farther apart than this are taken to be of another surface."""
 SUPPORT = 0.08
 """phi's support: the spacing of 500 points in a ball of radius 1."""
+COPLANAR = 0.05
+"""Height above the centre's clean tangent plane, in patch radii, at which a neighbour counts e times less."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Weight of each term; the defaults are the paper's (section 3.3), the last three are ours.
+    """Weight of each term; the defaults are the paper's (section 3.3), the last four are ours.
 
     Attributes
     ----------
@@ -31,6 +33,8 @@ class LossWeights:
         Distance to the nearest clean point: keeps points from sliding along the surface.
     dense_point, dense_normal : float
         Supervision of the refined points and normals of the whole patch.
+    coplanar : float
+        Cross entropy of the selector's weights against true co-planarity.
     """
 
     point: float = 100.0
@@ -40,6 +44,7 @@ class LossWeights:
     nearest: float = 0.0
     dense_point: float = 50.0
     dense_normal: float = 5.0
+    coplanar: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,21 @@ def ortho_loss(displacement: Tensor, predicted: Tensor, weight: Tensor, clean: T
     return (weight * height).square().sum(1) / weight.square().sum(1).clamp(min=1e-6)
 
 
+def coplanar_loss(weight: Tensor, surface: Surface, clean: Tensor, clean_normals: Tensor) -> Tensor:
+    """Cross entropy of the weights (B, M) against true co-planarity: () of all patches.
+
+    A neighbour is co-planar as far as its clean counterpart (``clean``, ``clean_normals``, (B, M, 3)) lies on the
+    tangent plane at the clean point nearest to the centre and its normal is that plane's.
+    """
+    nearest = surface.points.square().sum(-1).argmin(1)
+    rows = torch.arange(len(nearest), device=nearest.device)
+    foot, normal = surface.points[rows, nearest], surface.normals[rows, nearest]  # (B, 3)
+    height = ((clean - foot[:, None]) * normal[:, None]).sum(-1)  # (B, M)
+    along = (clean_normals * normal[:, None]).sum(-1)
+    target = (torch.exp(-(height / COPLANAR).square()) * along.square()).clamp(max=1)
+    return F.binary_cross_entropy(weight.clamp(1e-5, 1 - 1e-5), target)
+
+
 @dataclass(frozen=True)
 class Batch:
     """Patches with their supervision; all tensors float32 in the patch frames.
@@ -128,6 +148,9 @@ def joint_loss(output: Any, batch: Batch, weights: LossWeights) -> tuple[Tensor,
     if weights.ortho:
         ortho = ortho_loss(output.displacement, output.normal, output.weight, batch.clean_points)
         loss = loss + weights.ortho * ortho.mean()
+    if weights.coplanar:
+        coplanar = coplanar_loss(output.weight, batch.surface, batch.clean_points, batch.clean_normals)
+        loss = loss + weights.coplanar * coplanar
     if weights.dense_point or weights.dense_normal:
         offset = output.refined_points - batch.clean_points  # (B, M, 3)
         dense = (offset * batch.clean_normals).sum(-1).abs() + 0.02 * offset.square().sum(-1).add(1e-12).sqrt()

@@ -11,91 +11,29 @@ import argparse
 import math
 import os
 import time
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import asdict, fields
 
 import numba
 import torch
 from torch import Tensor
 
-from .checkpoint import load_checkpoint, save_checkpoint
+from .checkpoint import ModelInfo, load_checkpoint, save_checkpoint
 from .device import choose_device
 from .errors import PcdnfError
 from .losses import Batch, joint_loss
 from .memory import keep_freed_memory
 from .models import DEFAULTS, Defaults, build_network
 from .patches import Recipe
+from .training_options import Options
 from .training_run import TrainingRun
-from .training_stream import CLOUDS_A_BATCH, Forerunner, TrainingBatches, stream
-from .validation import VALIDATION_CLOUDS_A_BATCH, VALIDATION_SEED, validate, validation_batches
+from .training_stream import Forerunner, TrainingBatches, stream
+from .validation import VALIDATION_SEED, validate, validation_batches
 
 WARM_UP = 0.03
 """Share of the budget in which the learning rate rises."""
 FORERUN = 0.1
 """Share of the budget after which the network in training is worth being its own forerunner."""
 LICENCE = "MIT"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Of one run.
-
-    Attributes
-    ----------
-    kind : str
-        "pcdnf" or "lite".
-    folder : Path
-    minutes : float
-        Wall time of the whole schedule, earlier sessions of a resumed run included.
-    device : str
-        "auto", "cpu" or "cuda:N".
-    threads : int
-        Of torch.
-    workers : int or None
-        Processes that prepare batches, none for the training's own; by default 1 beside a CPU, one a core but one
-        beside a GPU.
-    batch : int or None
-        Patches a step, a multiple of 4; the kind's own by default.
-    save_every : float
-        Seconds between validations and saved states.
-    first_pass : str or None
-        Model whose first iteration prepares a share of the clouds; "self" is the network in training.
-    first_pass_share : float
-    seed : int
-    validation_patches, validation_clouds : int
-        The patches a multiple of 8.
-    pool : int
-        Clouds held in memory at once, and at least 4 by each process.
-
-    Raises
-    ------
-    PcdnfError
-        ``bad_option``: a number of patches that cannot be shared out.
-    """
-
-    kind: str
-    folder: Path
-    minutes: float
-    device: str = "cpu"
-    threads: int = 1
-    workers: int | None = None
-    batch: int | None = None
-    save_every: float = 150.0
-    first_pass: str | None = None
-    first_pass_share: float = 0.4
-    seed: int = 0
-    validation_patches: int = 2048
-    validation_clouds: int = 12
-    pool: int = 64
-
-    def __post_init__(self) -> None:
-        for name, patches, share in (
-            ("--batch", self.batch or CLOUDS_A_BATCH, CLOUDS_A_BATCH),
-            ("--validation-patches", self.validation_patches, VALIDATION_CLOUDS_A_BATCH),
-        ):
-            if patches <= 0 or patches % share:
-                hint = f"Give a multiple of {share}: a batch has as many patches of each of {share} clouds."
-                raise PcdnfError(f"{name} cannot be {patches}.", code="bad_option", hint=hint)
 
 
 def learning_rate(peak: float, progress: float) -> float:
@@ -119,8 +57,15 @@ class Trainer:
         self.batch = options.batch or self.defaults.batch
         self.network = build_network(options.kind, asdict(self.defaults.config)).to(self.device)
         self.average = build_network(options.kind, asdict(self.defaults.config)).eval().to(self.device)
+        self._started_from = ""
+        if options.start is not None:
+            info, state = load_checkpoint(options.start)
+            _check_kind(info, options.kind)
+            self.network.load_state_dict(state)
+            self._started_from = info.sha256
         self.average.load_state_dict(self.network.state_dict())
-        self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=self.defaults.learning_rate, weight_decay=1e-4)
+        self.learning_rate = options.learning_rate or self.defaults.learning_rate
+        self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=self.learning_rate, weight_decay=1e-4)
         self.run_folder = TrainingRun(options.folder, self.network, self.average, self.optimizer)
         self._forerunner = self._first_pass()
 
@@ -130,6 +75,9 @@ class Trainer:
             return None
         if name == "self":
             network, recipe = build_network(self.options.kind, asdict(self.defaults.config)), self.defaults.recipe
+            if self.options.start is not None:
+                network.load_state_dict(self.average.state_dict())
+                ready.fill_(1)
         else:
             info, state = load_checkpoint(name)
             network, recipe = build_network(info.kind, info.config), Recipe(**info.recipe)
@@ -182,7 +130,7 @@ class Trainer:
 
     def _step(self, batch: Batch, progress: float) -> dict[str, Tensor]:
         for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate(self.defaults.learning_rate, progress)
+            group["lr"] = learning_rate(self.learning_rate, progress)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16):
             output = self.network(batch.points, batch.normals)
@@ -247,7 +195,8 @@ class Trainer:
             "hours": round(run.elapsed / 3600, 3),
             "device": _device_name(self.device),
             "seed": self.options.seed,
-            "learning_rate": self.defaults.learning_rate,
+            "learning_rate": self.learning_rate,
+            "started_from": self._started_from,
             "losses": asdict(self.defaults.losses),
             "first_pass": self.options.first_pass,
             "data": "generated shapes (pcdnf.shapes)",
@@ -265,26 +214,14 @@ class Trainer:
         )
 
 
+def _check_kind(info: ModelInfo, kind: str) -> None:
+    if info.kind != kind:
+        hint = f"Start from a model of that kind, or train with --kind {info.kind}."
+        raise PcdnfError(f"{info.name} is not of the kind {kind}.", code="bad_option", hint=hint)
+
+
 def _device_name(device: torch.device) -> str:
     return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
-
-
-def add_train_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``pcdnf train``."""
-    parser.add_argument("folder", type=Path, help="where the run lives; an interrupted run goes on from there")
-    parser.add_argument("--kind", choices=sorted(DEFAULTS), default="lite", help="which network")
-    parser.add_argument("--minutes", type=float, default=60.0, help="wall time of the whole schedule")
-    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    parser.add_argument("--threads", type=int, default=1, help="threads of torch")
-    parser.add_argument("--workers", type=int, help="processes that prepare batches")
-    parser.add_argument("--batch", type=int, help="patches a step")
-    parser.add_argument("--first-pass", metavar="MODEL", help="model that prepares a share of the clouds, or 'self'")
-    parser.add_argument("--first-pass-share", type=float, default=0.4)
-    parser.add_argument("--save-every", type=float, default=150.0, metavar="SECONDS")
-    parser.add_argument("--validation-patches", type=int, default=2048)
-    parser.add_argument("--validation-clouds", type=int, default=12)
-    parser.add_argument("--pool", type=int, default=64, help="training clouds held in memory at once")
-    parser.add_argument("--seed", type=int, default=0)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -2,7 +2,7 @@ import math
 
 import torch
 
-from pcdnf.losses import Surface, angle_degrees, normal_loss, ortho_loss, point_terms
+from pcdnf.losses import Surface, angle_degrees, coplanar_loss, normal_loss, ortho_loss, point_terms
 
 SIDE = torch.linspace(-1, 1, 21)
 PLANE = torch.stack([*torch.meshgrid(SIDE, SIDE, indexing="ij"), torch.zeros(21, 21)], -1).reshape(1, -1, 3)
@@ -50,3 +50,17 @@ def test_ortho_loss_weighs_the_clean_points() -> None:
     both = ortho_loss(torch.zeros(1, 3), normal, torch.tensor([[1.0, 1.0]]), clean)
     assert torch.allclose(first, torch.tensor([0.01]))
     assert torch.allclose(both, torch.tensor([(0.01 + 0.16) / 2]))
+
+
+def test_true_weights_are_coplanar() -> None:
+    wall = PLANE[..., [2, 0, 1]] + torch.tensor([0.5, 0.0, 0.0])  # the plane x = 0.5 beside the centre's, z = 0
+    raised = PLANE + torch.tensor([0.0, 0.0, 0.3])  # the centre's direction, another height
+    clean, normals = torch.cat([PLANE, wall, raised], 1), torch.cat([UP, UP[..., [2, 0, 1]], UP], 1)
+    own = torch.zeros(1, clean.shape[1])
+    own[:, : PLANE.shape[1]] = 1
+    right, wrong, even = (
+        coplanar_loss(weight, Surface(PLANE, UP), clean, normals).item() for weight in (own, 1 - own, 0.5 + 0 * own)
+    )
+    assert right < 1e-3
+    assert wrong > 10
+    assert math.isclose(even, math.log(2), rel_tol=1e-5)

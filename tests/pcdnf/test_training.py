@@ -8,13 +8,15 @@ import pytest
 import torch
 
 from pcdnf import Denoiser
+from pcdnf.checkpoint import load_checkpoint
 from pcdnf.errors import PcdnfError
 from pcdnf.lite import LiteConfig, PCDNFLite
 from pcdnf.losses import Batch, joint_loss
 from pcdnf.models import DEFAULTS
 from pcdnf.patches import Recipe
-from pcdnf.training import Options, Trainer, learning_rate
+from pcdnf.training import Trainer, learning_rate
 from pcdnf.training_data import TrainingCloud, sample_batch
+from pcdnf.training_options import Options
 from pcdnf.training_stream import first_pass
 from pcdnf.validation import validate
 
@@ -146,6 +148,33 @@ def test_patches_that_cannot_be_shared_out(tmp_path: Path, wrong: dict[str, int]
     with pytest.raises(PcdnfError, match="cannot be") as caught:
         Options(kind="lite", folder=tmp_path, minutes=1, **wrong)  # type: ignore[arg-type]
     assert "multiple of" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1e-3, 1.0, math.nan])
+def test_a_learning_rate_that_cannot_be(tmp_path: Path, rate: float) -> None:
+    with pytest.raises(PcdnfError, match="--learning-rate cannot be") as caught:
+        Options(kind="lite", folder=tmp_path, minutes=1, learning_rate=rate)
+    assert "0.001" in str(caught.value.hint)
+
+
+def test_a_training_starts_from_a_model(tmp_path: Path, batch: Batch) -> None:
+    options = Options(
+        kind="lite", folder=tmp_path / "run", minutes=1, start="pcdnf-lite", first_pass="self", learning_rate=1e-4
+    )
+    trainer, (info, state) = Trainer(options), load_checkpoint("pcdnf-lite")
+    for network in (trainer.network, trainer.average, trainer._forerunner.network):  # type: ignore[union-attr]
+        assert all(torch.equal(value, state[key]) for key, value in network.state_dict().items())
+    assert trainer._forerunner is not None
+    assert trainer._forerunner.ready.item() == 1
+    trainer._step(batch, 0.03)
+    assert trainer.optimizer.param_groups[0]["lr"] == pytest.approx(1e-4, rel=0.05)
+    trainer._save_model({})
+    training = load_checkpoint(tmp_path / "run" / "model.safetensors")[0].training
+    assert training["started_from"] == info.sha256
+    assert training["learning_rate"] == 1e-4
+    with pytest.raises(PcdnfError, match="not of the kind pcdnf") as caught:
+        Trainer(replace(options, kind="pcdnf", folder=tmp_path / "other"))
+    assert "--kind lite" in str(caught.value.hint)
 
 
 def test_validation_is_of_the_network_as_it_is(batch: Batch) -> None:

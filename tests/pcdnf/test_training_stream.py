@@ -7,7 +7,8 @@ import torch
 
 from pcdnf.losses import Batch
 from pcdnf.models import DEFAULTS
-from pcdnf.training import Options, Trainer
+from pcdnf.training import Trainer
+from pcdnf.training_options import Options
 from pcdnf.training_stream import TrainingBatches, stream
 
 
