@@ -212,7 +212,7 @@ def time_forms(rounds: int, batch: int, threads: int) -> None:
 def time_modules(rounds: int, batch: int) -> None:
     """Microseconds a patch in the modules and the kernels of the folded forms."""
     torch.set_num_threads(1)
-    for name, (form, size, points) in make_forms(batch).items():
+    for name, (form, size, points) in make_forms(batch, 1).items():
         if "folded" not in name or "unfolded" in name:
             continue
         given = random_patches(size, points)

@@ -1,3 +1,4 @@
+import re
 import sys
 from pathlib import Path
 
@@ -41,6 +42,23 @@ def test_kernels_leaves_the_modules_as_they_were() -> None:
     assert min(parts.values()) >= 0
     assert vars(throughput.fused_lite) == before
     assert torch.equal(network(*given).displacement, expected)
+
+
+def test_forms_take_turns_and_are_taken_apart(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(throughput, "LIGHT_BATCH", 8)
+    monkeypatch.setattr(sys, "argv", ["throughput.py", "--rounds", "1", "--batch", "4", "--threads", "1"])
+    throughput.main()
+    shown = capsys.readouterr().out
+    rates = dict(re.findall(r"^(.+?) +([\d.]+) patches/s", shown, re.MULTILINE))
+    assert len(rates) == 10
+    assert float(rates["folded float32"]) > 5 * float(rates["edge-building"])
+    assert shown.count("breakdown, us a patch on one thread: ") == 2
+    assert shown.count("kernels, us a patch on one thread: ") == 4
+    assert {"select_features", "products", "edge_conv", "the rest"} <= set(
+        re.findall(r"[a-z_]+(?: rest)?(?= \d)", shown)
+    )
 
 
 @pytest.mark.parametrize("tiles", [0, 1])
