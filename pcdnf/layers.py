@@ -36,8 +36,6 @@ class Affine:
         Of input and output, float32 or bfloat16.
     slope : float, optional
         Of the LeakyReLU behind it; 0 is ReLU, None no activation.
-    pack : bool
-        Lay the weights out for oneDNN now, where this build of torch has it; not worth it for a single use.
     """
 
     def __init__(
@@ -46,22 +44,24 @@ class Affine:
         bias: Tensor | None,
         dtype: torch.dtype,
         slope: float | None = None,
-        *,
-        pack: bool = True,
     ) -> None:
         self.weight = weight.to(dtype).contiguous()
         self.bias = None if bias is None else bias.to(dtype)
         self.slope = slope
-        if pack and ONEDNN:
+        if ONEDNN:
             self.weight = torch.ops.mkldnn._reorder_linear_weight(self.weight, PACKED_ROWS)
 
     def __call__(self, x: Tensor) -> Tensor:
         if ONEDNN:
             name, scalars = ("none", []) if self.slope is None else ("leaky_relu", [self.slope])
-            out: Tensor = torch.ops.mkldnn._linear_pointwise(x, self.weight, self.bias, name, scalars, "")
-            return out
+            return _linear(x, self.weight, self.bias, name, scalars, "")
         out = F.linear(x, self.weight, self.bias)
         return out if self.slope is None else F.leaky_relu_(out, self.slope)
+
+
+def _linear(x: Tensor, weight: Tensor, bias: Tensor | None, activation: str, scalars: list[float], kind: str) -> Tensor:
+    out: Tensor = torch.ops.mkldnn._linear_pointwise(x, weight, bias, activation, scalars, kind)
+    return out
 
 
 def whole(part: Part | None) -> Part:
@@ -107,19 +107,23 @@ class Edges:
 def feature_graph(x: Tensor, k: int) -> Tensor:
     """x (B, N, C) -> nearest points in feature space (B, N, k), int32."""
     B, N, _ = x.shape
-    centred, squares = torch.empty_like(x), torch.empty(B, N)
-    fused.centre(bare(x), bare(centred), squares.numpy())
-    graph = torch.empty(B, N, k, dtype=torch.int32)
-    rows = everyone(TOGETHER, N)
-    single = x.dtype is torch.float32
-    for b in range(0, B, 1 if single else TOGETHER):  # the inner products stay in the caches until they are read
-        few = slice(b, b + 1 if single else b + TOGETHER)
-        if single:
-            gram = Affine(centred[b], None, torch.float32, pack=False)(centred[b])[None]  # (1, N, N)
-        else:
-            gram = torch.bmm(centred[few], centred[few].transpose(1, 2))
-        selection.select_features(bare(gram), squares[few].numpy(), rows[: len(gram)], graph[few].numpy())
-    return graph
+    centred, squares = torch.empty_like(x), np.empty((B, N), np.float32)
+    fused.centre(bare(x), bare(centred), squares)
+    graph = np.empty((B, N, k), np.int32)
+    together = 1 if x.dtype is torch.float32 else TOGETHER
+    rows = everyone(together, N)
+    for b in range(0, B, together):
+        part = slice(b, b + together)
+        gram = inner_products(centred[part])  # in the caches until it is read
+        selection.select_features(bare(gram), squares[part], rows[: len(gram)], graph[part])
+    return torch.from_numpy(graph)
+
+
+def inner_products(x: Tensor) -> Tensor:
+    """x (B, N, C) -> (B, N, N); of one patch in float32 oneDNN makes them faster."""
+    if ONEDNN and len(x) == 1 and x.dtype is torch.float32:
+        return _linear(x[0], x[0], None, "none", [], "")[None]
+    return torch.bmm(x, x.transpose(1, 2))
 
 
 def coordinate_graph(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:

@@ -215,7 +215,8 @@ def select_features(gram: Features, squares: Float, queries: Index, index: Index
     padded = (N + WORD - 1) // WORD * WORD
     for job in numba.prange(B * blocks):
         b, first = job // blocks, job % blocks * LANES
-        keys = np.full((LANES, padded), np.inf, np.float32)
+        keys = np.empty((LANES, padded), np.float32)
+        keys[:, N:] = np.inf
         low = np.empty(GROUPS, np.float32)
         minima = np.full(GROUPS * LANES, np.inf, np.float32)
         rows = min(LANES, Q - first)
@@ -239,14 +240,16 @@ def select_coordinates(points: Float, queries: Index, index: Index) -> None:
     N = points.shape[1]
     blocks = (Q + LANES - 1) // LANES
     padded = (N + WORD - 1) // WORD * WORD
-    for job in numba.prange(B * blocks):
-        b, first = job // blocks, job % blocks * LANES
-        keys = np.full((LANES, padded), np.inf, np.float32)
-        axes = np.empty((3, N), np.float32)
+    axes = np.empty((B, 3, N), np.float32)
+    for b in range(B):
         for j in range(N):
             for axis in range(3):
-                axes[axis, j] = points[b, j, axis]
-        xs, ys, zs = axes[0], axes[1], axes[2]
+                axes[b, axis, j] = points[b, j, axis]
+    for job in numba.prange(B * blocks):
+        b, first = job // blocks, job % blocks * LANES
+        keys = np.empty((LANES, padded), np.float32)
+        keys[:, N:] = np.inf
+        xs, ys, zs = axes[b, 0], axes[b, 1], axes[b, 2]
         low = np.empty(GROUPS, np.float32)
         minima = np.full(GROUPS * LANES, np.inf, np.float32)
         rows = min(LANES, Q - first)
