@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
-from service_process import Service
+from service_process import Service, sphere
 from viewing import DESKTOP, PHONE, MakePage
+
+from pcdnf.formats import PointCloud, write
 
 FLAGS = [
     "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -71,3 +75,15 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     service = Service(tmp_path_factory.mktemp("browser")).start()
     yield service
     assert service.stop() == 0, service.output()
+
+
+@pytest.fixture(scope="module")
+def done(running: Service, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A finished job of a coloured, flattened sphere."""
+    noise = 0.8 * np.random.default_rng(1).normal(size=(20_000, 3))
+    points = (sphere(20_000) * [40, 30, 20] + noise + [1000, 0, 500]).astype(np.float32)
+    colour = {"red": np.full(len(points), 200, np.uint8), "green": np.full(len(points), 30, np.uint8),
+              "blue": np.where(points[:, 0] > 1000, 255, 0).astype(np.uint8)}  # fmt: skip
+    path = tmp_path_factory.mktemp("clouds") / "pebble.ply"
+    write(path, PointCloud(points=points, attributes=colour))
+    return running.wait_status(running.submit(path)["id"], "succeeded")

@@ -11,10 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page
+from service_process import Service
 
 DESKTOP, PHONE = (1440, 900), (390, 844)
 MakePage = Callable[..., Page]
 Picture = NDArray[np.int16]
+
+
+def base(service: Service) -> str:
+    """Return the address of a service."""
+    return str(service.client.base_url)
 
 
 def state(page: Page) -> Any:
