@@ -2,7 +2,8 @@
 
 The schedule runs over wall time, not steps: a training told to take an hour takes an hour on any machine. Everything
 lives in one folder: ``state.safetensors`` (weights, averages, optimiser; the run goes on from there),
-``model.safetensors`` (best exponential moving average by validation on held-out shapes) and ``log.jsonl``.
+``model.safetensors`` (best exponential moving average by validation on held-out shapes), at the end
+``last.safetensors`` (the last one: validation sees first passes alone) and ``log.jsonl``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import os
 import time
 from dataclasses import asdict, fields
+from pathlib import Path
 
 import numba
 import torch
@@ -109,6 +111,7 @@ class Trainer:
             if run.elapsed - last_saved > options.save_every or run.elapsed >= budget:
                 self._checkpoint(validation)
                 last_saved = run.elapsed
+        self._save_model(run.last_file, validate(self.average, validation))
 
     def _batches(self) -> TrainingBatches:
         return TrainingBatches(
@@ -175,7 +178,7 @@ class Trainer:
         value = 100 * scores["point"] + 0.1 * scores["angle"]
         if value < run.best:
             run.best = value
-            self._save_model(scores)
+            self._save_model(run.model_file, scores)
         run.save()
         ahead = self._forerunner
         if (
@@ -186,7 +189,7 @@ class Trainer:
             ahead.network.load_state_dict(self.average.state_dict())
             ahead.ready.fill_(1)
 
-    def _save_model(self, scores: dict[str, float]) -> None:
+    def _save_model(self, file: Path, scores: dict[str, float]) -> None:
         run = self.run_folder
         training = {
             "steps": run.step,
@@ -203,7 +206,7 @@ class Trainer:
             "validation": {key: round(value, 5) for key, value in scores.items()},
         }
         save_checkpoint(
-            run.model_file,
+            file,
             self.average.state_dict(),
             name="pcdnf" if self.options.kind == "pcdnf" else f"pcdnf-{self.options.kind}",
             kind=self.options.kind,

@@ -57,6 +57,11 @@ class TrainingRun:
         """Where the best model lies."""
         return self.folder / "model.safetensors"
 
+    @property
+    def last_file(self) -> Path:
+        """Where the last model lies once the budget is spent."""
+        return self.folder / "last.safetensors"
+
     def _resume(self) -> None:
         with safe_open(self._state_file, framework="pt") as file:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118

@@ -125,6 +125,9 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
     denoiser = Denoiser.load(tmp_path / "model.safetensors", device="cpu")
     assert denoiser.info is not None
     assert denoiser.info.training["patches"] == denoiser.info.training["steps"] * 256
+    info, last = load_checkpoint(tmp_path / "last.safetensors")
+    assert info.training["steps"] == again.run_folder.step
+    assert all(torch.equal(value, last[key]) for key, value in again.average.state_dict().items())
     for old, new in zip(again.network.parameters(), first.network.parameters(), strict=True):
         assert old.shape == new.shape
     moments = again.optimizer.state[next(again.network.parameters())]
@@ -168,7 +171,7 @@ def test_a_training_starts_from_a_model(tmp_path: Path, batch: Batch) -> None:
     assert trainer._forerunner.ready.item() == 1
     trainer._step(batch, 0.03)
     assert trainer.optimizer.param_groups[0]["lr"] == pytest.approx(1e-4, rel=0.05)
-    trainer._save_model({})
+    trainer._save_model(trainer.run_folder.model_file, {})
     training = load_checkpoint(tmp_path / "run" / "model.safetensors")[0].training
     assert training["started_from"] == info.sha256
     assert training["learning_rate"] == 1e-4
