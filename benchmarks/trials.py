@@ -30,7 +30,7 @@ DEFAULTS_LITE = DEFAULTS["lite"]
 SEED = 600_000
 RATE = 5e-4
 TRIALS = {
-    "control": "as it was trained until then",
+    "control": "as it was trained",
     "repulsion": "alpha = 0.97, the paper's",
     "no nearest": "without the distance to the nearest clean point",
     "points alone": "without the normal loss",

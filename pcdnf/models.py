@@ -40,7 +40,7 @@ DEFAULTS = {
     "lite": Defaults(
         config=LiteConfig(),
         recipe=Recipe(kind="ball", points=256, adaptive=9.8, fewest=48, normals="ball"),
-        losses=LossWeights(alpha=1.0, ortho=0.0, nearest=2.0, dense_point=0.0, dense_normal=0.0, coplanar=1.0),
+        losses=LossWeights(alpha=1.0, ortho=0.0, nearest=2.0, dense_point=0.0, dense_normal=0.0),
         batch=256,
         learning_rate=3e-3,
         fresh_every=60,
