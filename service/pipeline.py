@@ -18,9 +18,8 @@ from .engine import SHARE_WORKFLOW, WORKFLOW
 from .job import Job
 from .lanes import SHARES_QUEUE
 from .shares import Part, share_id
-from .steps import Outcome, denoise_one, finish, gather, merge, plan, problem_of, shared, survey
+from .steps import Outcome, denoise_one, finish, gather, kept, merge, plan, problem_of, shared, survey, sweep
 from .steps import install as install
-from .storage import DISPLAY, UPLOAD, result_name
 from .work import DIFFERS, Pass
 
 log = logging.getLogger(__name__)
@@ -42,7 +41,7 @@ def denoise(job_id: str) -> str:
     with shared().working_on(job_id, job_id, shared().attempts):
         job = shared().attempts.open(job_id)
         if job is None:
-            _sweep(job_id)  # who ended it may have died before its files went
+            sweep(job_id)  # who ended it may have died before its files went
             return "gone"
         with shared().attempt(job):
             try:
@@ -75,7 +74,7 @@ def _share(job: Job, now: Pass, tiles: Part) -> Outcome:
         return {"files": _one_by_one(job, now, tiles)}
     except Ended as end:
         if end.problem is None:
-            _sweep(job.id)
+            sweep(job.id)
             return {"stopped": True}
         return {"declined": True} if end.problem["code"] == DIFFERS else {"problem": end.problem}
     except Exception as error:
@@ -85,7 +84,7 @@ def _share(job: Job, now: Pass, tiles: Part) -> Outcome:
 def _failure(job_id: str, error: Exception) -> dict[str, Any]:
     """Return the problem of a job that met an error; raise again what is the engine's own affair."""
     if isinstance(error, dbos_error.DBOSException) and not isinstance(error, dbos_error.DBOSMaxStepRetriesExceeded):
-        _sweep(job_id)
+        sweep(job_id)
         raise error  # such as another worker having taken this job over
     log.error("job %s failed", job_id, exc_info=error)
     return problem_of("internal_error")
@@ -112,7 +111,7 @@ def _run(job: Job) -> str:
     results = outcome["results"]
     if not shared().attempts.succeed(job.id, results, outcome["warnings"]):
         raise Ended
-    shared().storage.delete_job(job.id, keep=_kept(results))
+    shared().storage.delete_job(job.id, keep=kept(results))
     log.info("job %s succeeded", job.id)
     return "succeeded"
 
@@ -145,23 +144,11 @@ def _end(job: Job, problem: dict[str, Any] | None) -> str:
     elif attempts.cancel(job.id):
         status = "cancelled"
     else:
-        _sweep(job.id)
+        sweep(job.id)
         return "gone"  # another worker ended it
     shared().storage.delete_job(job.id)
     log.info("job %s %s%s", job.id, status, f": {problem['code']}" if problem else "")
     return status
-
-
-def _kept(results: dict[str, Any]) -> frozenset[str]:
-    return frozenset({UPLOAD, DISPLAY, *(result_name(name, facts) for name, facts in results.items())})
-
-
-def _sweep(job_id: str) -> None:
-    """Remove what is left of a job that has ended, but its results."""
-    job = shared().attempts.get(job_id)
-    if job is None or not job.live:
-        results = None if job is None else job.results
-        shared().storage.delete_job(job_id, keep=_kept(results) if results else frozenset())
 
 
 def _checked(outcome: Outcome) -> Outcome:

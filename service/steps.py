@@ -30,7 +30,7 @@ from .job import Job
 from .problems import CATALOGUE, Problem
 from .runtime import Runtime
 from .shares import Part, cut
-from .storage import DISPLAY, job_file, own_name, result_facts, writing
+from .storage import DISPLAY, UPLOAD, job_file, own_name, result_facts, result_name, writing
 from .work import (
     RAW_NORMALS,
     DiskFull,
@@ -79,6 +79,19 @@ def problem_of(code: str, detail: str | None = None, hint: str | None = None) ->
     return Problem(code, detail or known_detail, hint=hint or known_hint, status=status).body()
 
 
+def kept(results: dict[str, Any]) -> frozenset[str]:
+    """Return the files that stay of a job that has succeeded."""
+    return frozenset({UPLOAD, DISPLAY, *(result_name(name, facts) for name, facts in results.items())})
+
+
+def sweep(job_id: str) -> None:
+    """Remove what is left of a job that has ended, but its results."""
+    job = shared().attempts.get(job_id)
+    if job is None or not job.live:
+        results = None if job is None else job.results
+        shared().storage.delete_job(job_id, keep=kept(results) if results else frozenset())
+
+
 def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
     """Make `function(runtime, job, ...)` a checkpointed step that is called with the job's id."""
 
@@ -99,6 +112,8 @@ def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
         except MemoryError:
             detail = "The worker has not enough memory for this cloud."
             return {"problem": problem_of("out_of_memory", detail, "Send the cloud in parts.")}
+        finally:
+            sweep(job_id)  # a worker that was frozen may have written after the job had ended elsewhere
 
     return DBOS.step(name=function.__name__, retries_allowed=True, max_attempts=3)(told)
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import signal
 import time
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 from apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
+from injection import inject
 from service_process import write_sphere
 
 
@@ -31,24 +34,55 @@ def test_two_workers_on_one_queue_do_nothing_twice(tmp_path: Path) -> None:
     assert service.stop() == 0, service.output()
 
 
+def freeze_before_the_second_tile_is_stored(steps: ModuleType) -> None:
+    import os
+    import signal
+    from pathlib import Path
+
+    store = steps.store_arrays
+
+    def stored(runtime: Any, job_id: str, name: str, **arrays: Any) -> None:
+        mark = Path(os.environ["FROZEN"])
+        if name.startswith("tiles/0-1024") and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGSTOP)
+        store(runtime, job_id, name, **arrays)
+
+    steps.store_arrays = stored
+
+
 def test_a_frozen_worker_that_comes_back(tmp_path: Path) -> None:
-    service = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2).start()
+    service, mark = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2), tmp_path / "frozen"
+    inject(service, tmp_path, "service.steps", freeze_before_the_second_tile_is_stored, FROZEN=mark)
+    service.start()
     path = write_sphere(tmp_path / "a.ply", 4 * TILE)
-    expected = succeeded(service, service.submit(path)["id"])
     job = service.submit(path)["id"]
-    until(lambda: service.job(job)["progress"]["done"] >= TILE)
-    frozen = service.workers["worker-0"]
-    frozen.send_signal(signal.SIGSTOP)
+    until(mark.exists)
     service.start_worker("worker-1")
     service.wait_done(job, 3 * TILE)
     assert "taking over the jobs of worker-0" in service.output()
-    frozen.send_signal(signal.SIGCONT)  # both work on the job now, or have just finished it
-    assert succeeded(service, job) == expected
+    service.workers["worker-0"].send_signal(signal.SIGCONT)  # both work on the job now, or have just finished it
+    expected = succeeded(service, job)
     # The other is whole: it leaves what is not its own any more, and takes new work.
     service.kill_worker("worker-1")
     assert succeeded(service, service.submit(path)["id"]) == expected
     assert succeeded(service, job) == expected
     nothing_left_over(service)
+    assert service.stop() in (0, signal.SIGKILL), service.output()
+
+
+def test_a_tile_that_is_stored_after_its_job_had_ended_goes(tmp_path: Path) -> None:
+    service, mark = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2), tmp_path / "frozen"
+    inject(service, tmp_path, "service.steps", freeze_before_the_second_tile_is_stored, FROZEN=mark)
+    service.start()
+    job = service.submit(write_sphere(tmp_path / "a.ply", 3 * TILE))["id"]
+    until(mark.exists)
+    service.start_worker("worker-1")
+    result = succeeded(service, job)
+    service.workers["worker-0"].send_signal(signal.SIGCONT)
+    until(lambda: "is no longer owned by this execution" in service.output())
+    nothing_left_over(service)
+    assert succeeded(service, job) == result
     assert service.stop() in (0, signal.SIGKILL), service.output()
 
 
