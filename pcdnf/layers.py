@@ -53,14 +53,14 @@ class Affine:
 
     def __call__(self, x: Tensor) -> Tensor:
         if ONEDNN:
-            name, scalars = ("none", []) if self.slope is None else ("leaky_relu", [self.slope])
-            return _linear(x, self.weight, self.bias, name, scalars, "")
+            return _linear(x, self.weight, self.bias, self.slope)
         out = F.linear(x, self.weight, self.bias)
         return out if self.slope is None else F.leaky_relu_(out, self.slope)
 
 
-def _linear(x: Tensor, weight: Tensor, bias: Tensor | None, activation: str, scalars: list[float], kind: str) -> Tensor:
-    out: Tensor = torch.ops.mkldnn._linear_pointwise(x, weight, bias, activation, scalars, kind)
+def _linear(x: Tensor, weight: Tensor, bias: Tensor | None = None, slope: float | None = None) -> Tensor:
+    name, scalars = ("none", []) if slope is None else ("leaky_relu", [slope])
+    out: Tensor = torch.ops.mkldnn._linear_pointwise(x, weight, bias, name, scalars, "")
     return out
 
 
@@ -122,7 +122,7 @@ def feature_graph(x: Tensor, k: int) -> Tensor:
 def inner_products(x: Tensor) -> Tensor:
     """x (B, N, C) -> (B, N, N); of one patch in float32 oneDNN makes them faster."""
     if ONEDNN and len(x) == 1 and x.dtype is torch.float32:
-        return _linear(x[0], x[0], None, "none", [], "")[None]
+        return _linear(x[0], x[0])[None]
     return torch.bmm(x, x.transpose(1, 2))
 
 

@@ -37,6 +37,7 @@ def test_two_workers_on_one_queue_do_nothing_twice(tmp_path: Path) -> None:
 def freeze_before_the_second_tile_is_stored(steps: ModuleType) -> None:
     import os
     import signal
+    import sqlite3
     from pathlib import Path
 
     store = steps.store_arrays
@@ -45,16 +46,24 @@ def freeze_before_the_second_tile_is_stored(steps: ModuleType) -> None:
         mark = Path(os.environ["FROZEN"])
         if name.startswith("tiles/0-1024") and not mark.exists():
             mark.touch()
+            database = sqlite3.connect(runtime.attempts._engine.url.database, timeout=30, isolation_level=None)
+            database.execute("BEGIN IMMEDIATE")  # so that no other thread freezes in a write, with SQLite's lock
+            database.execute("COMMIT")
             os.kill(os.getpid(), signal.SIGSTOP)
         store(runtime, job_id, name, **arrays)
 
     steps.store_arrays = stored
 
 
-def test_a_frozen_worker_that_comes_back(tmp_path: Path) -> None:
+def _freezing(tmp_path: Path) -> tuple[Apart, Path]:
+    """Return a service whose worker freezes once, and the file that is there when it does."""
     service, mark = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2), tmp_path / "frozen"
     inject(service, tmp_path, "service.steps", freeze_before_the_second_tile_is_stored, FROZEN=mark)
-    service.start()
+    return service.start(), mark
+
+
+def test_a_frozen_worker_that_comes_back(tmp_path: Path) -> None:
+    service, mark = _freezing(tmp_path)
     path = write_sphere(tmp_path / "a.ply", 4 * TILE)
     job = service.submit(path)["id"]
     until(mark.exists)
@@ -72,9 +81,7 @@ def test_a_frozen_worker_that_comes_back(tmp_path: Path) -> None:
 
 
 def test_a_tile_that_is_stored_after_its_job_had_ended_goes(tmp_path: Path) -> None:
-    service, mark = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2), tmp_path / "frozen"
-    inject(service, tmp_path, "service.steps", freeze_before_the_second_tile_is_stored, FROZEN=mark)
-    service.start()
+    service, mark = _freezing(tmp_path)
     job = service.submit(write_sphere(tmp_path / "a.ply", 3 * TILE))["id"]
     until(mark.exists)
     service.start_worker("worker-1")
