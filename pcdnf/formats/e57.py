@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cloud import Limits, PointCloud, check_count, check_enough, checked
+from .e57_buffers import Buffers
 from .e57_header import NORMALS_URI, Scan, read_scans
 from .errors import FormatError, check_available, shown
 from .flavours import E57Flavour
@@ -80,16 +81,13 @@ def _values(path: str, scans: list[Scan]) -> list[dict[str, NDArray[Any]]]:
         try:
             for scan in scans:
                 node = image.root()["data3D"][scan.number]["points"]
-                arrays = {field.name: np.zeros(scan.count, field.dtype) for field in scan.fields}
-                paths = {field.name: field.path for field in scan.fields}
-                buffers = libe57.VectorSourceDestBuffer()
-                for name, array in arrays.items():
-                    buffers.append(libe57.SourceDestBuffer(image, paths[name], array, scan.count, True, True))
-                reader = node.reader(buffers)
+                buffers = Buffers(image, scan.count)
+                arrays = {one.name: buffers.add(one.path, np.zeros(scan.count, one.dtype)) for one in scan.fields}
+                reader = node.reader(buffers.vector)
                 if reader.read() != scan.count:
                     _damaged()
                 reader.close()
-                read.append(arrays)
+                read.append({one.name: arrays[one.name].astype(one.dtype, copy=False) for one in scan.fields})
         finally:
             image.close()
     except (libe57.E57Exception, RuntimeError, ValueError, OverflowError, LookupError):
@@ -197,10 +195,10 @@ def write_e57(file: BinaryIO, cloud: PointCloud) -> list[str]:
         for number, scan in enumerate(scans):
             rows = np.arange(len(cloud)) if index is None else np.flatnonzero(index == number)
             if len(rows):
-                columns = {name: np.ascontiguousarray(column[rows]) for name, column in stored.items()}
+                columns = {name: column[rows] for name, column in stored.items()}
                 node, points, buffers = _scan_node(image, libe57, cloud, scan, rows, columns)
                 data.append(node)
-                writer = points.writer(buffers)
+                writer = points.writer(buffers.vector)
                 writer.write(len(rows))
                 writer.close()
     finally:
@@ -218,7 +216,7 @@ def _fields(attributes: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]
         if (name not in names and name not in _STANDARD) or column.ndim > 1:
             left.append(name)
             continue
-        kind = {"f2": "f4", "b1": "u1", "u8": "i8", "u4": "i8"}.get(column.dtype.str[1:], column.dtype.str[1:])
+        kind = {"f2": "f4", "b1": "u1", "u8": "i8"}.get(column.dtype.str[1:], column.dtype.str[1:])
         stored[theirs] = column.astype(kind, copy=False)
     return stored, left
 
@@ -245,13 +243,14 @@ def _guid(points: NDArray[Any]) -> str:
 
 def _scan_node(
     image: Any, libe57: Any, cloud: PointCloud, scan: Scan, rows: NDArray[Any], columns: dict[str, NDArray[Any]]
-) -> Any:
+) -> tuple[Any, Any, Buffers]:
+    """The node of a scan, that of its points, and the buffers to write them from."""
     turn = _matrix(scan.rotation)
     local = (cloud.points[rows].astype(np.float64) - np.array(scan.translation)) @ turn
-    columns = {name: np.ascontiguousarray(local[:, axis]) for axis, name in enumerate(_AXES)} | columns
+    columns = {name: local[:, axis] for axis, name in enumerate(_AXES)} | columns
     if cloud.normals is not None:
         turned = (cloud.normals[rows] @ turn).astype(cloud.normals.dtype)
-        columns |= {name: np.ascontiguousarray(turned[:, axis]) for axis, name in enumerate(_NORMALS)}
+        columns |= {name: turned[:, axis] for axis, name in enumerate(_NORMALS)}
     node = libe57.StructureNode(image)
     recorded = "\n".join(f"pcdnf {key}: {value}" for key, value in cloud.metadata.items())
     kept = [line for line in scan.description.splitlines() if not line.startswith("pcdnf ")]
@@ -266,15 +265,15 @@ def _scan_node(
         for axis, value in zip(axes, values, strict=True):
             inner.set(axis, libe57.FloatNode(image, value))
     prototype = libe57.StructureNode(image)
-    buffers = libe57.VectorSourceDestBuffer()
+    buffers = Buffers(image, len(rows))
     for name, column in columns.items():
+        buffers.add(name, column)
         if column.dtype.kind == "f":
             precision = libe57.E57_SINGLE if column.dtype.itemsize == 4 else libe57.E57_DOUBLE
             prototype.set(name, libe57.FloatNode(image, 0.0, precision))
         else:
             bounds = np.iinfo(column.dtype)
             prototype.set(name, libe57.IntegerNode(image, 0, int(bounds.min), int(bounds.max)))
-        buffers.append(libe57.SourceDestBuffer(image, name, column, len(rows), True, True))
     points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
     node.set("points", points)
     return node, points, buffers
