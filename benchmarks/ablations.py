@@ -28,15 +28,16 @@ from scipy.spatial import cKDTree
 from torch import nn
 
 from pcdnf import Denoiser
-from pcdnf.checkpoint import load_checkpoint, save_checkpoint
-from pcdnf.device import choose_device
-from pcdnf.losses import Batch, LossWeights, joint_loss
+from pcdnf.inference.device import choose_device
 from pcdnf.metrics import chamfer_distance, point_errors
-from pcdnf.models import DEFAULTS, build_network
-from pcdnf.network import NetworkConfig
-from pcdnf.shapes import random_shape
-from pcdnf.training import LICENCE, learning_rate
-from pcdnf.training_stream import TrainingBatches, stream
+from pcdnf.models.build import build_network
+from pcdnf.models.checkpoint import load_checkpoint, save_checkpoint
+from pcdnf.models.config import NetworkConfig
+from pcdnf.training.defaults import DEFAULTS
+from pcdnf.training.loader import TrainingBatches, stream
+from pcdnf.training.losses import Batch, LossWeights, joint_loss
+from pcdnf.training.shapes import random_shape
+from pcdnf.training.trainer import LICENCE, learning_rate
 
 SWITCHED_OFF = {
     "full": {},

@@ -45,8 +45,12 @@ def _peak_bytes() -> int:
 def measured(points: int, *, model: str, precision: str, tiles: int) -> dict[str, Any]:
     """Run one pass and report on it."""
     began = now()
-    from pcdnf import Denoiser, inference, patches, plan, preparation
+    from pcdnf import Denoiser
     from pcdnf.formats import PointCloud, read, write
+    from pcdnf.geometry import patches
+    from pcdnf.inference import plan
+    from pcdnf.inference import prepare as preparation
+    from pcdnf.inference import runner as inference
 
     imported = now() - began
     stages = Stages()

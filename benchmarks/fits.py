@@ -13,11 +13,12 @@ from typing import Any
 
 import torch
 
-from pcdnf import lite
-from pcdnf.checkpoint import DEFAULT_MODEL, load_checkpoint
-from pcdnf.fit import QuadricFit, fit_quadric
-from pcdnf.models import build_network
-from pcdnf.validation import validate, validation_batches
+from pcdnf.models import lite
+from pcdnf.models.build import build_network
+from pcdnf.models.catalog import DEFAULT_MODEL
+from pcdnf.models.checkpoint import load_checkpoint
+from pcdnf.models.quadric import QuadricFit, fit_quadric
+from pcdnf.training.validation import validate, validation_batches
 
 STIFF = 1e4
 """Ridge that leaves nothing of a coefficient."""

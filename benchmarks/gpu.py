@@ -17,9 +17,12 @@ import torch
 from torch.nn import functional as F
 from triton.testing import do_bench
 
-from pcdnf import Denoiser, neighbors, triton_kernels
-from pcdnf.losses import Batch, Surface, joint_loss
-from pcdnf.models import DEFAULTS, build_network
+from pcdnf import Denoiser
+from pcdnf.models.build import build_network
+from pcdnf.models.ops import neighbours as neighbors
+from pcdnf.models.ops import triton as triton_kernels
+from pcdnf.training.defaults import DEFAULTS
+from pcdnf.training.losses import Batch, Surface, joint_loss
 
 
 def compare(name: str, ours: Callable[[], object], plain: Callable[[], object]) -> None:

@@ -24,14 +24,14 @@ import torch
 from torch import nn
 
 from pcdnf import Denoiser
-from pcdnf.lite import LiteConfig, PCDNFLite
-from pcdnf.losses import Batch, Surface, angle_degrees, joint_loss, point_terms
-from pcdnf.memory import keep_freed_memory
-from pcdnf.mix import Mix
-from pcdnf.models import DEFAULTS
-from pcdnf.training import learning_rate
-from pcdnf.training_data import TrainingCloud
-from pcdnf.training_stream import first_pass
+from pcdnf.models.cpu.allocator import keep_freed_memory
+from pcdnf.models.lite import LiteConfig, PCDNFLite
+from pcdnf.training.corruption import Mix
+from pcdnf.training.dataset import TrainingCloud
+from pcdnf.training.defaults import DEFAULTS
+from pcdnf.training.loader import first_pass
+from pcdnf.training.losses import Batch, Surface, angle_degrees, joint_loss, point_terms
+from pcdnf.training.trainer import learning_rate
 
 LITE = DEFAULTS["lite"]
 PLAIN = Mix(

@@ -18,7 +18,7 @@ from PIL import Image
 from pcdnf import Denoiser
 from pcdnf.formats import PointCloud, read
 from pcdnf.metrics import point_to_surface
-from pcdnf.render import Panel, render_comparison, render_panels
+from pcdnf.render.panels import Panel, render_comparison, render_panels
 
 COLOURS = 96
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pcdnf import Denoiser
-from pcdnf.cloud import Frame
-from pcdnf.normals import raw_normals
-from pcdnf.patches import PatchSource
-from pcdnf.scale import estimate_scale, normals_reach
-from pcdnf.shapes import CleanCloud, random_shape
+from pcdnf.geometry.noise import estimate_scale, normals_reach
+from pcdnf.geometry.normals import raw_normals
+from pcdnf.geometry.patches import PatchSource
+from pcdnf.inference.unit_frame import Frame
+from pcdnf.training.shapes import CleanCloud, random_shape
 
 FIRST_SEED = 2_000_000
 """Neither trained on nor validated on."""

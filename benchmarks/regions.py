@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from pcdnf import Denoiser
 from pcdnf.benchmark.clouds import CleanCloud, read_clouds
-from pcdnf.cloud import Frame
+from pcdnf.inference.unit_frame import Frame
 from pcdnf.metrics import normal_error, point_to_surface
 
 MODELS = ("pcdnf", "pcdnf-lite")

@@ -27,14 +27,14 @@ from scipy.spatial import cKDTree
 from pcdnf import Denoiser
 from pcdnf.benchmark.clouds import block
 from pcdnf.benchmark.noise import add_noise
-from pcdnf.checkpoint import DEFAULT_MODEL
-from pcdnf.commands import read_any
 from pcdnf.formats import PointCloud
-from pcdnf.frames import principal_axes
+from pcdnf.formats.files import read_any
+from pcdnf.geometry.frames import principal_axes
+from pcdnf.geometry.normals import pca_normals
+from pcdnf.inference.results import DenoiseResult
 from pcdnf.metrics import score
-from pcdnf.normals import pca_normals
-from pcdnf.render import render_comparison
-from pcdnf.result import DenoiseResult
+from pcdnf.models.catalog import DEFAULT_MODEL
+from pcdnf.render.panels import render_comparison
 
 Floats = NDArray[np.float64]
 

@@ -36,15 +36,20 @@ from reference import ReleaseNetwork, random_release
 from stages import Stages
 from torch import Tensor, nn
 
-from pcdnf import fused, fused_anchor, fused_fit, fused_lite, selection
-from pcdnf.checkpoint import load_checkpoint
-from pcdnf.folded import FoldedPCDNF
-from pcdnf.folded_lite import FoldedLite
-from pcdnf.layers import Affine
-from pcdnf.memory import keep_freed_memory
-from pcdnf.models import build_network
-from pcdnf.network import PCDNF, NetworkConfig
-from pcdnf.release import convert_release
+from pcdnf.models.authors_weights import convert_release
+from pcdnf.models.build import build_network
+from pcdnf.models.checkpoint import load_checkpoint
+from pcdnf.models.config import NetworkConfig
+from pcdnf.models.cpu.allocator import keep_freed_memory
+from pcdnf.models.cpu.folded import FoldedPCDNF
+from pcdnf.models.cpu.folded_layers import Affine
+from pcdnf.models.cpu.folded_lite import FoldedLite
+from pcdnf.models.cpu.kernels import anchor as fused_anchor
+from pcdnf.models.cpu.kernels import lite as fused_lite
+from pcdnf.models.cpu.kernels import pcdnf as fused
+from pcdnf.models.cpu.kernels import quadric as fused_fit
+from pcdnf.models.ops import knn_numba as selection
+from pcdnf.models.pcdnf import PCDNF
 
 PARTS = ("forms", "modules", "scaling", "tiles")
 MODULES = ("points", "normals", "score", "augment_points", "augment_normals", "coordinate", "normal")

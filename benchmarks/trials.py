@@ -19,12 +19,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from pcdnf.checkpoint import load_checkpoint
-from pcdnf.losses import Batch, joint_loss, normal_loss
-from pcdnf.models import DEFAULTS, build_network
-from pcdnf.training import learning_rate
-from pcdnf.training_stream import TrainingBatches, stream
-from pcdnf.validation import validate, validation_batches
+from pcdnf.models.build import build_network
+from pcdnf.models.checkpoint import load_checkpoint
+from pcdnf.training.defaults import DEFAULTS
+from pcdnf.training.loader import TrainingBatches, stream
+from pcdnf.training.losses import Batch, joint_loss, normal_loss
+from pcdnf.training.trainer import learning_rate
+from pcdnf.training.validation import validate, validation_batches
 
 DEFAULTS_LITE = DEFAULTS["lite"]
 SEED = 600_000

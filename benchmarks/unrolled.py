@@ -29,15 +29,15 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 from trials import loaded
 
-from pcdnf.losses import Batch, Surface, angle_degrees, joint_loss, point_terms
-from pcdnf.memory import keep_freed_memory
-from pcdnf.models import DEFAULTS
-from pcdnf.normals import ball_normals
-from pcdnf.patches import PatchSource
-from pcdnf.scale import Scale, clean_spacing, normals_reach
-from pcdnf.shapes import random_shape
-from pcdnf.training import learning_rate
-from pcdnf.training_data import SURFACE_POINTS
+from pcdnf.geometry.noise import Scale, clean_spacing, normals_reach
+from pcdnf.geometry.normals import ball_normals
+from pcdnf.geometry.patches import PatchSource
+from pcdnf.models.cpu.allocator import keep_freed_memory
+from pcdnf.training.dataset import SURFACE_POINTS
+from pcdnf.training.defaults import DEFAULTS
+from pcdnf.training.losses import Batch, Surface, angle_degrees, joint_loss, point_terms
+from pcdnf.training.shapes import random_shape
+from pcdnf.training.trainer import learning_rate
 
 LITE = DEFAULTS["lite"]
 RATE = 5e-4

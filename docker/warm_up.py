@@ -5,7 +5,8 @@ In both precisions, because the machine that builds the image and the one that r
 
 from __future__ import annotations
 
-from pcdnf.checkpoint import available_models
+from pcdnf.models.build.catalog import available_models
+
 from pcdnf.denoiser import Denoiser
 
 for model in available_models():

@@ -27,8 +27,8 @@ from scipy.spatial.transform import Rotation
 
 from pcdnf import Denoiser
 from pcdnf.benchmark.pictures import DPI, PANEL, error_colours, save, shaded, view_of
-from pcdnf.checkpoint import DEFAULT_MODEL
-from pcdnf.normals import pca_normals
+from pcdnf.geometry.normals import pca_normals
+from pcdnf.models.catalog import DEFAULT_MODEL
 
 Floats = NDArray[np.float64]
 Denoise = Callable[[Floats], tuple[Floats, Floats]]

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from pcdnf.formats import PointCloud, read
 from pcdnf.metrics import score
-from pcdnf.render import render_comparison
+from pcdnf.render.panels import render_comparison
 
 FOLDER = Path(__file__).parent
 START_SECONDS = 180

@@ -11,18 +11,18 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .denoiser import Denoiser as Denoiser
-    from .denoiser import DenoiseResult as DenoiseResult
-    from .denoiser import Stopped as Stopped
     from .formats import PointCloud as PointCloud
+    from .inference.results import DenoiseResult as DenoiseResult
+    from .inference.runner import Stopped as Stopped
 
 _HOMES = {
     "Denoiser": "denoiser",
-    "DenoiseResult": "denoiser",
-    "Stopped": "denoiser",
+    "DenoiseResult": "inference.results",
+    "Stopped": "inference.runner",
     "PointCloud": "formats",
 }
 __all__ = ["DenoiseResult", "Denoiser", "PointCloud", "Stopped", "__version__"]

@@ -15,19 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from . import __version__
-from .checkpoint import DEFAULT_MODEL, ModelInfo, load_checkpoint
-from .choices import InitialNormals, check_fast, check_initial
-from .cloud import Cloud, CloudError, Frame, TileResult, checked_normals, checked_points
-from .device import choose_device, choose_precision
-from .inference import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
-from .lite import LiteOutput
-from .models import trained_network
-from .network import NetworkOutput
-from .patches import Recipe
-from .plan import Plan, iteration_seed, make_plan
-from .preparation import prepare_cloud
-from .result import DenoiseResult
+from ._version import __version__
+from .geometry.recipe import Recipe
+from .inference.device import choose_device, choose_precision
+from .inference.options import InitialNormals, check_fast, check_initial
+from .inference.plan import Plan, iteration_seed, make_plan
+from .inference.prepare import prepare_cloud
+from .inference.results import DenoiseResult, TileResult
+from .inference.runner import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
+from .inference.tiles import Cloud
+from .inference.unit_frame import CloudError, Frame, checked_normals, checked_points
+from .models.build import trained_network
+from .models.catalog import DEFAULT_MODEL, ModelInfo
+from .models.checkpoint import load_checkpoint
+from .models.lite import LiteOutput
+from .models.pcdnf import NetworkOutput
 
 __all__ = [
     "Cloud",
@@ -101,7 +103,7 @@ class Denoiser:
         return cls(network, recipe, info=info, device=device, precision=precision)
 
     def network(self, points: Tensor, normals: Tensor) -> NetworkOutput | LiteOutput:
-        """Run the network on patches in their frames; see :meth:`pcdnf.inference.Inference.network`."""
+        """Run the network on patches in their frames; see :meth:`pcdnf.inference.runner.Inference.network`."""
         return self.inference.network(points, normals)
 
     @property
@@ -126,7 +128,8 @@ class Denoiser:
         radius: float | str = "auto",
         fast: bool = False,
     ) -> Plan:
-        """Choose what the caller leaves open; see :func:`pcdnf.plan.make_plan` and :func:`pcdnf.choices.check_fast`.
+        """Choose what the caller leaves open; see :func:`~pcdnf.inference.plan.make_plan` and
+        :func:`~pcdnf.inference.options.check_fast`.
 
         Raises
         ------
@@ -249,7 +252,7 @@ class Denoiser:
         normals : ndarray, (N, 3) float, optional
             The caller's, of any length: the result's lie on their side.
         iterations, radius
-            See :func:`pcdnf.plan.make_plan`. Each iteration takes points and normals of the one before.
+            See :func:`pcdnf.inference.plan.make_plan`. Each iteration takes points and normals of the one before.
         fast : bool
             Half as many neighbours a point, where the network can do with them: about 1.4 times as fast.
         initial : {"auto", "pca", "input"}
@@ -266,7 +269,7 @@ class Denoiser:
         CloudError
             See :meth:`prepare`.
         ChoiceError
-            See :mod:`pcdnf.choices`.
+            See :mod:`pcdnf.inference.options`.
         DeviceError
             Out of memory with the smallest batch.
         Stopped

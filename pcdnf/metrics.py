@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .errors import PcdnfError
-from .normals import pca_normals
+from .geometry.normals import pca_normals
 
 CHAMFER_UNIT = 1e-5
 SURFACE_UNIT = 1e-3

@@ -63,11 +63,11 @@ def add_doctor(subparsers: Subparsers) -> None:
 def serve(arguments: argparse.Namespace) -> int:
     """Run the service; return the exit status."""
     _take_options(arguments)
-    from . import logs
-    from .process import load_settings, make_data_dir, refuse
-    from .server import bind
+    from .api.listener import bind
+    from .operations.supervisor import supervise
     from .settings import SettingsError
-    from .supervisor import supervise
+    from .startup import load_settings, make_data_dir, refuse
+    from .telemetry import logs
 
     settings = load_settings()
     make_data_dir(settings)
@@ -83,9 +83,9 @@ def serve(arguments: argparse.Namespace) -> int:
 def drain(arguments: argparse.Namespace) -> int:
     """Turn draining on or off; return the exit status."""
     _take_options(arguments)
-    from .drain import drain
-    from .process import load_settings, refuse
+    from .operations.drain import drain
     from .settings import SettingsError
+    from .startup import load_settings, refuse
 
     try:
         drain(load_settings(), on=None if arguments.status else not arguments.off, wait=arguments.wait)
@@ -97,8 +97,8 @@ def drain(arguments: argparse.Namespace) -> int:
 def doctor(arguments: argparse.Namespace) -> int:
     """Print what was found; return 1 where there is a problem."""
     _take_options(arguments)
-    from .doctor import examine, tell
-    from .process import load_settings
+    from .operations.doctor import examine, tell
+    from .startup import load_settings
 
     found = []
     for finding in examine(load_settings()):

@@ -1,27 +1,9 @@
-"""One error shape for every route and for the framework's own errors: RFC 9457 ``application/problem+json``."""
+"""Problems: the one shape of every error that a caller can see (RFC 9457), without a web framework."""
 
 from __future__ import annotations
 
-import errno
-import logging
-import sqlite3
 from collections.abc import Mapping
-from http import HTTPStatus
 from typing import Any
-
-from fastapi import FastAPI, Request
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
-from sqlalchemy.exc import SQLAlchemyError
-from starlette.exceptions import HTTPException
-from starlette.routing import Match, Route
-
-from .storage import StorageError
-
-log = logging.getLogger(__name__)
-
-MEDIA_TYPE = "application/problem+json"
 
 # code -> (status, title). The codes are stable; programs compare them, not the text.
 CATALOGUE: dict[str, tuple[int, str]] = {
@@ -75,33 +57,6 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "workers_differ": (500, "The workers do not compute alike"),
     "out_of_memory": (500, "Not enough memory"),
 }
-# For errors of the framework itself.
-_BY_STATUS = {
-    401: "not_authenticated",
-    404: "not_found",
-    405: "method_not_allowed",
-    413: "upload_too_large",
-    415: "unsupported_media_type",
-    422: "invalid_parameters",
-    429: "too_many_requests",
-    503: "too_busy",
-}
-
-
-class ProblemDetail(BaseModel):
-    """An error, in the shape of RFC 9457."""
-
-    model_config = ConfigDict(extra="allow")
-
-    type: str = Field(description="`urn:pcdnf:problem:` and the code")
-    title: str = Field(description="What this code means")
-    status: int = Field(description="The HTTP status")
-    detail: str = Field(description="What happened, in a sentence")
-    instance: str | None = Field(None, description="The path of the request, or of the job")
-    code: str = Field(description="Stable identifier for programs")
-    hint: str | None = Field(None, description="What to do about it")
-    limit: int | float | None = Field(None, description="The limit that was passed")
-    actual: int | float | None = Field(None, description="The value that passed it")
 
 
 class Problem(Exception):
@@ -153,30 +108,6 @@ class Problem(Exception):
             "detail": self.detail,
         } | {name: value for name, value in members.items() if value is not None}
 
-    def response(self, request: Request) -> JSONResponse:
-        """Return the HTTP response."""
-        return JSONResponse(
-            self.body(request.url.path), status_code=self.status, headers=self.headers, media_type=MEDIA_TYPE
-        )
-
-
-def _from_framework(request: Request, error: HTTPException) -> Problem:
-    code = _BY_STATUS.get(error.status_code, "internal_error" if error.status_code >= 500 else "bad_request")
-    details = {
-        404: f"There is nothing at {request.url.path}.",
-        405: f"{request.url.path} does not answer {request.method}.",
-    }
-    detail = details.get(error.status_code) or f"{HTTPStatus(error.status_code).phrase}: {error.detail}"
-    hint = "See /docs for the routes." if error.status_code in details else None
-    return Problem(code, detail, hint=hint, headers=error.headers, status=error.status_code)
-
-
-def _methods(request: Request) -> list[str]:
-    """Return the methods that the path of a request answers."""
-    routes = [route for route in request.app.routes if isinstance(route, Route)]
-    found = [route.methods or set() for route in routes if route.matches(request.scope)[0] is not Match.NONE]
-    return sorted(set().union(*found))
-
 
 def from_validation(errors: list[Any]) -> Problem:
     """Return the problem for pydantic's list of errors, naming each parameter."""
@@ -204,52 +135,3 @@ def unexpected() -> Problem:
         "The service met an error of its own.",
         hint="The log of the service says more, under the X-Request-ID of this answer.",
     )
-
-
-def install(app: FastAPI) -> None:
-    """Answer every exception of `app` with a problem."""
-
-    async def on_problem(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, Problem)
-        return error.response(request)
-
-    async def on_http(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, HTTPException)
-        problem = _from_framework(request, error)
-        if error.status_code == 405:  # the framework names the methods of the first route alone
-            problem.headers["Allow"] = ", ".join(_methods(request))
-        return problem.response(request)
-
-    async def on_validation(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, RequestValidationError)
-        located = [{"loc": e["loc"][1:] or e["loc"], "msg": e["msg"]} for e in error.errors()]
-        return from_validation(located).response(request)
-
-    async def on_database(request: Request, error: Exception) -> JSONResponse:
-        if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
-            return disk_full().response(request)
-        log.error("database error: %s", type(error).__name__, exc_info=error)
-        problem = Problem("database_unavailable", "The job database did not answer.", headers={"Retry-After": "5"})
-        return problem.response(request)
-
-    async def on_system(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, OSError)
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise error
-        return disk_full().response(request)
-
-    async def on_storage(request: Request, error: Exception) -> JSONResponse:
-        log.error("storage error on %s: %s", request.url.path, error)
-        problem = Problem("storage_unavailable", "The storage did not answer.", headers={"Retry-After": "5"})
-        return problem.response(request)
-
-    async def on_error(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
-        return unexpected().response(request)
-
-    app.add_exception_handler(Problem, on_problem)
-    app.add_exception_handler(HTTPException, on_http)
-    app.add_exception_handler(RequestValidationError, on_validation)
-    app.add_exception_handler(SQLAlchemyError, on_database)
-    app.add_exception_handler(OSError, on_system)
-    app.add_exception_handler(StorageError, on_storage)
-    app.add_exception_handler(Exception, on_error)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from service_process import Service, sphere, write_sphere
 
 from pcdnf.formats import read
+from tests.support.service_process import Service, sphere, write_sphere
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 KEY = "opensesame-opensesame"

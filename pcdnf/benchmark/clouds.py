@@ -12,8 +12,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ..commands import read_any
 from ..errors import PcdnfError
+from ..formats.files import read_any
 from .noise import add_noise
 
 Floats = NDArray[np.float64]
@@ -140,7 +140,7 @@ def generated_clouds(shapes: int, count: int) -> list[CleanCloud]:
         ``missing_extra`` without the extra ``train``.
     """
     try:
-        from ..shapes import random_shape
+        from ..training.shapes import random_shape
     except ImportError as error:
         raise PcdnfError(
             f"Shapes cannot be generated: {error.name} is not installed.",

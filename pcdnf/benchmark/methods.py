@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
+from .._version import __version__
 from ..errors import PcdnfError
-from ..normals import pca_normals
+from ..geometry.normals import pca_normals
 
 if TYPE_CHECKING:
     from ..denoiser import Denoiser

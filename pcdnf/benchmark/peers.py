@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PcdnfError
-from ..normals import pca_normals
+from ..geometry.normals import pca_normals
 from .methods import Group, Method, Output
 
 Points = NDArray[np.float64]

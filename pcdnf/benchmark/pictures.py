@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..camera import Camera, automatic
-from ..splats import visible
+from ..render.camera import Camera, automatic
+from ..render.splats import visible
 from .runs import Row
 from .tables import BEST_PCA, best_pca
 

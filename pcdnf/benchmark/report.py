@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..geometry.normals import pca_normals
 from ..metrics import CLEAN_NORMAL_NEIGHBORS, PointErrors, point_errors
-from ..normals import pca_normals
 from .clouds import CleanCloud
 from .intervals import paired_interval
 from .published import published_figures

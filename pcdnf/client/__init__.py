@@ -16,9 +16,9 @@ except ImportError as error:
     raise MissingExtra("pcdnf.client needs httpx, which is not installed.", extra="client") from error
 
 from .client import Client
-from .connection import DEFAULT_URL
 from .errors import JobError, ProblemError, Unreachable
-from .models import Execution, Job, Model, Plan, ProblemDetail, Progress
+from .schemas import Execution, Job, Model, Plan, ProblemDetail, Progress
+from .transport import DEFAULT_URL
 
 __all__ = [
     "DEFAULT_URL",

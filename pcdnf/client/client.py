@@ -12,16 +12,16 @@ from typing import Any
 
 import httpx
 
-from .. import __version__
+from .._version import __version__
 from ..errors import PcdnfError
 from ..file_formats import SUFFIXES
 from ..formats.files import replacing
-from .answers import error_of, retry_after
-from .connection import DEFAULT_URL, checked_key, checked_url, transport_errors
 from .errors import JobError
-from .models import Job, Model, ProblemDetail
-from .patience import Notify, Patience
+from .responses import error_of, retry_after
+from .retries import Notify, Patience
+from .schemas import Job, Model, ProblemDetail
 from .transfers import BytesDone, CountedFile, Download
+from .transport import DEFAULT_URL, checked_key, checked_url, transport_errors
 
 PATIENCE_SECONDS = 300.0
 TIMEOUT = httpx.Timeout(60, connect=10)

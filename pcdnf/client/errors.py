@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ..errors import PcdnfError
 
 if TYPE_CHECKING:
-    from .models import ProblemDetail
+    from .schemas import ProblemDetail
 
 
 class Unreachable(PcdnfError):

@@ -9,10 +9,11 @@ Reading takes no memory on the word of a header, evaluates nothing and unpickles
 does not import torch.
 """
 
-from .cloud import Limits, PointCloud
 from .errors import CODES, FormatError
 from .files import read, sniff, write
 from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
+from .limits import Limits
+from .point_cloud import PointCloud
 
 __all__ = [
     "CODES",

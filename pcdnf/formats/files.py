@@ -11,15 +11,19 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
+from ..errors import PcdnfError
 from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
-from .cloud import Limits, PointCloud
-from .e57 import read_e57, write_e57
+from .e57.codec import read_e57, write_e57
 from .errors import FormatError, check_available
-from .las import read_las, write_las
-from .npz import read_npz, write_npz
-from .pcd import read_pcd, write_pcd
-from .ply import read_ply, write_ply
-from .xyz import read_xyz, write_xyz
+from .las.codec import read_las, write_las
+from .limits import Limits
+from .npz.codec import read_npz, write_npz
+from .pcd.codec import read_pcd, write_pcd
+from .ply.codec import read_ply, write_ply
+from .point_cloud import PointCloud, checked
+from .xyz.codec import read_xyz, write_xyz
 
 READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz, "las": read_las, "e57": read_e57}
 WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
@@ -182,3 +186,31 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+_NPY_MAGIC = b"\x93NUMPY"
+
+
+def read_any(path: Path) -> PointCloud:
+    """A cloud from a file of any format, or from a plain (N, 3) array of floats.
+
+    Raises
+    ------
+    PcdnfError
+        ``bad_shape`` of an array, and what the readers raise.
+    """
+    try:
+        with path.open("rb") as file:
+            is_array = file.read(len(_NPY_MAGIC)) == _NPY_MAGIC
+        points = np.load(path, allow_pickle=False) if is_array else None
+    except OSError:
+        return read(path)
+    except ValueError:
+        points = np.empty(0)
+    if points is None:
+        return read(path)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
+        raise PcdnfError(
+            f"{path} does not hold an (N, 3) array of floats.", code="bad_shape", hint="Save x, y, z, one row a point."
+        )
+    return checked(PointCloud(points=points.astype(np.float64)), Limits())

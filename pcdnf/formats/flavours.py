@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from .e57_header import Scan
-from .las_grid import Grid
-from .las_header import Record
-from .las_points import Extra
+from .e57.header import Scan
+from .las.grid import Grid
+from .las.header import Record
+from .las.points import Extra
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import torch
 from benchmarks import ablations
 from benchmarks.ablations import Trainee, Variant, evaluate, table, train, trained
 from pcdnf import Denoiser
-from pcdnf.losses import Batch
-from pcdnf.network import PCDNF
+from pcdnf.models.pcdnf import PCDNF
+from pcdnf.training.losses import Batch
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from benchmarks.fits import FITS, other_fit
-from pcdnf.fit import fit_quadric
+from pcdnf.models.quadric import fit_quadric
 
 RIDGE = torch.full((6,), 1e-6)
 

@@ -10,7 +10,7 @@ import torch
 
 from benchmarks import ingredients
 from benchmarks.ingredients import CONDITIONS, PATCHES, Bank, data, draw, make_bank, optimisation
-from pcdnf.losses import Batch
+from pcdnf.training.losses import Batch
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))  # i
 import stages
 import throughput
 
-from pcdnf.folded_lite import FoldedLite
-from pcdnf.lite import PCDNFLite
+from pcdnf.models.cpu.folded_lite import FoldedLite
+from pcdnf.models.lite import PCDNFLite
 
 
 def test_a_stage_inside_another_is_not_counted_twice(monkeypatch: pytest.MonkeyPatch) -> None:

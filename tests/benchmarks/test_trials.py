@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import torch
 
 from benchmarks.trials import TRIALS, loss_of
-from pcdnf.losses import Batch, Surface
+from pcdnf.training.losses import Batch, Surface
 
 
 def corner() -> Batch:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
-from service_process import Service, sphere
-from viewing import DESKTOP, PHONE, MakePage
 
 from pcdnf.formats import PointCloud, write
+from tests.support.service_process import Service, sphere
+from tests.support.viewing import DESKTOP, PHONE, MakePage
 
 FLAGS = [
     "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",

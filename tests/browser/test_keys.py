@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from playwright.sync_api import expect
-from service_process import Served, write_sphere
-from viewing import MakePage, wait_state
 
-from service.app import create_app
+from service.api.app import create_app
 from service.settings import Settings
+from tests.support.service_process import Served, write_sphere
+from tests.support.viewing import MakePage, wait_state
 
 KEY = "a key of more than sixteen characters"
 

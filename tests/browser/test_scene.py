@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from service_process import Service, sphere, write_sphere
-from viewing import PHONE, MakePage, base, canvas, choose, share_different, share_drawn, wait_state
 
-from service.display import DISPLAY_POINTS, write_display
+from service.worker.gltf import DISPLAY_POINTS, write_display
+from tests.support.service_process import Service, sphere, write_sphere
+from tests.support.viewing import PHONE, MakePage, base, canvas, choose, share_different, share_drawn, wait_state
 
 
 def test_the_halves_are_before_and_after(running: Service, make_page: MakePage, done: dict[str, Any]) -> None:

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import expect
-from service_process import Service, write_sphere
-from viewing import DESKTOP, PHONE, MakePage, base, canvas, drop, share_different, share_drawn, wait_state
+
+from tests.support.service_process import Service, write_sphere
+from tests.support.viewing import DESKTOP, PHONE, MakePage, base, canvas, drop, share_different, share_drawn, wait_state
 
 SAMPLE = Path(__file__).parents[2] / "service" / "viewer" / "sample.ply"
 RECORD = """() => {

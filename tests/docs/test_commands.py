@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from service_process import Service
 
-from pcdnf.cli import build_parser
+from pcdnf.cli.main import build_parser
 from pcdnf.formats import read, write
 from service.settings import Settings
+from tests.support.service_process import Service
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -7,8 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from apart import TILE, Apart, succeeded, until
-from service_process import write_sphere
+
+from tests.support.apart import TILE, Apart, succeeded, until
+from tests.support.service_process import write_sphere
 
 PRELOADED = r"""
 #define _GNU_SOURCE

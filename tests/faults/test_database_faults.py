@@ -13,11 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psycopg
-from apart import TILE, Apart, nothing_left_over, succeeded, until
-from servers import postgresql
-from service_process import write_sphere
 
-from service.supervisor import KILL_MARGIN
+from service.operations.supervisor import KILL_MARGIN
+from tests.support.apart import TILE, Apart, nothing_left_over, succeeded, until
+from tests.support.servers import postgresql
+from tests.support.service_process import write_sphere
 
 
 def test_a_locked_database_holds_everything_up_and_loses_nothing(tmp_path: Path) -> None:

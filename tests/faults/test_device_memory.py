@@ -7,11 +7,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from apart import TILE, Apart, nothing_left_over, succeeded, until
-from injection import inject
-from service_process import write_sphere
 
 from pcdnf.formats import read
+from tests.support.apart import TILE, Apart, nothing_left_over, succeeded, until
+from tests.support.injection import inject
+from tests.support.service_process import write_sphere
 
 
 def holds_few(inference: ModuleType) -> None:
@@ -36,7 +36,7 @@ def test_device_out_of_memory(tmp_path: Path) -> None:
     service = Apart(tmp_path / "service", tile_points=TILE)
     service.start()
     expected = succeeded(service, service.submit(path)["id"])
-    inject(service, tmp_path, "pcdnf.inference", holds_few, DEVICE_HOLDS=tmp_path / "holds")
+    inject(service, tmp_path, "pcdnf.inference.runner", holds_few, DEVICE_HOLDS=tmp_path / "holds")
     for holds in (100, 1):
         (tmp_path / "holds").write_text("1000000")  # the model is warmed first
         service.kill_worker()

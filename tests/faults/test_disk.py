@@ -6,8 +6,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from apart import TILE, Apart, fill, nothing_left_over, succeeded, until
-from service_process import write_sphere
+
+from tests.support.apart import TILE, Apart, fill, nothing_left_over, succeeded, until
+from tests.support.service_process import write_sphere
 
 
 @pytest.fixture

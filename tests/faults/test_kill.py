@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from service_process import Service, write_sphere
+
+from tests.support.service_process import Service, write_sphere
 
 POINTS, TILE = 12_000, 1024
 
@@ -49,11 +50,11 @@ def test_killed_worker_resumes_at_the_missing_tile(service: Service, tmp_path: P
 def test_killed_api_loses_no_accepted_job(service: Service, tmp_path: Path) -> None:
     path = write_sphere(tmp_path / "a.ply", 2000)
     jobs = [service.submit(path)["id"] for _ in range(3)]
-    api = service.child("service.server")
+    api = service.child("service.api")
     os.kill(api, signal.SIGKILL)
     # The supervisor holds the socket, so the next request waits for the new process instead of being refused.
     assert service.client.get("/livez").status_code == 200
-    assert service.child("service.server") != api
+    assert service.child("service.api") != api
     for job in jobs:
         assert service.wait_status(job, "succeeded", "failed")["status"] == "succeeded"
 
@@ -62,7 +63,7 @@ def test_killed_service_goes_on_after_a_restart(service: Service, tmp_path: Path
     running = service.submit(write_sphere(tmp_path / "a.ply", POINTS))["id"]
     queued = service.submit(write_sphere(tmp_path / "b.ply", 2000))["id"]
     service.wait_done(running, TILE)
-    for pid in (service.child("service.worker"), service.child("service.server")):
+    for pid in (service.child("service.worker"), service.child("service.api")):
         os.kill(pid, signal.SIGKILL)
     service.stop(signal.SIGKILL)
     service.start()

@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 
 import httpx
-from apart import TILE, nothing_left_over, succeeded
-from service_process import Service, write_sphere
+
+from tests.support.apart import TILE, nothing_left_over, succeeded
+from tests.support.service_process import Service, write_sphere
 
 
 def test_a_stop_under_load(tmp_path: Path) -> None:

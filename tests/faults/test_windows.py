@@ -12,9 +12,10 @@ from typing import Any
 
 import httpx
 import pytest
-from apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
-from injection import inject
-from service_process import write_sphere
+
+from tests.support.apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
+from tests.support.injection import inject
+from tests.support.service_process import write_sphere
 
 POINTS = 3 * TILE
 
@@ -88,7 +89,7 @@ def test_killed_worker(service: Apart, undisturbed: tuple[Path, bytes], window: 
 def test_killed_between_the_end_and_the_clearing(undisturbed: tuple[Path, bytes], tmp_path: Path) -> None:
     path, expected = undisturbed
     service = Apart(tmp_path / "service", tile_points=TILE)
-    inject(service, tmp_path, "service.storage", die_once, DIED=tmp_path / "died")
+    inject(service, tmp_path, "service.storage.local", die_once, DIED=tmp_path / "died")
     service.start()
     job = service.submit(path)["id"]
     assert service.workers["worker-0"].wait(120) == -signal.SIGKILL

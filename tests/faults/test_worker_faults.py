@@ -9,9 +9,10 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
-from injection import inject
-from service_process import write_sphere
+
+from tests.support.apart import TILE, Apart, nothing_left_over, succeeded, tiles, until
+from tests.support.injection import inject
+from tests.support.service_process import write_sphere
 
 
 def _ready(service: Apart) -> int:
@@ -58,7 +59,7 @@ def freeze_before_the_second_tile_is_stored(steps: ModuleType) -> None:
 def _freezing(tmp_path: Path) -> tuple[Apart, Path]:
     """Return a service whose worker freezes once, and the file that is there when it does."""
     service, mark = Apart(tmp_path / "service", tile_points=TILE, worker_stale_seconds=2), tmp_path / "frozen"
-    inject(service, tmp_path, "service.steps", freeze_before_the_second_tile_is_stored, FROZEN=mark)
+    inject(service, tmp_path, "service.worker.steps", freeze_before_the_second_tile_is_stored, FROZEN=mark)
     return service.start(), mark
 
 

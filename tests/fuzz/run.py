@@ -1,4 +1,4 @@
-"""Many changed files of every format against the readers: ``python tests/fuzz/run.py --cases 20000``.
+"""Many changed files of every format against the readers: ``python -m tests.fuzz.run --cases 20000``.
 
 Each batch is read by a process of its own under limits of memory and time. Nothing may happen but a cloud that can be
 written again, or a FormatError: no signal, no hang, no other exception, no memory over the cap. The files of a batch
@@ -19,8 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-from seeds import KINDS, mutant, seed
+from tests.support.seeds import KINDS, mutant, seed
 
 MEMORY_BYTES = 256 * 1024**2
 SECONDS = 120

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from run import make_batch, run_batch
-from seeds import KINDS, seed
 
 from pcdnf.formats import FormatError, Limits, read
+from tests.fuzz.run import make_batch, run_batch
+from tests.support.seeds import KINDS, seed
 
 MUTANTS = 100
 

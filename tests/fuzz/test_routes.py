@@ -10,10 +10,10 @@ import schemathesis
 from hypothesis import HealthCheck, Phase, settings
 from schemathesis import checks
 from schemathesis.checks import load_all_checks
-from service_process import Served, write_sphere
 
-from service.app import create_app
+from service.api.app import create_app
 from service.settings import Settings
+from tests.support.service_process import Served, write_sphere
 
 KEY = "a-key-of-the-tests"
 HEADERS = {"Authorization": f"Bearer {KEY}"}

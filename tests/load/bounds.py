@@ -1,4 +1,4 @@
-"""A full queue is exact: ``python tests/load/bounds.py [--uploads 50] [--room 20]``."""
+"""A full queue is exact: ``python -m tests.load.bounds [--uploads 50] [--room 20]``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx
-from _common import fail_unless, service_in, write_sphere
+
+from tests.support.load import fail_unless, service_in, write_sphere
 
 POINTS = 2000
 

@@ -1,4 +1,4 @@
-"""How near a job's `seconds_left` is: ``python tests/load/estimate.py [--points 60000] [--iterations 2]``.
+"""How near a job's `seconds_left` is: ``python -m tests.load.estimate [--points 60000] [--iterations 2]``.
 
 Asks several times a second and compares, once the job has ended. After a tenth of the work an estimate should be right
 within a third; the last two seconds are left out, and so is one sample in twenty.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 
-from _common import fail_unless, service_in, write_sphere
+from tests.support.load import fail_unless, service_in, write_sphere
 
 ENOUGH, NEAR, LAST_SECONDS, SHARE = 0.1, 1 / 3, 2.0, 0.95
 

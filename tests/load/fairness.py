@@ -1,4 +1,4 @@
-"""A small job behind a large one: ``python tests/load/fairness.py [--small 5000] [--large 1000000]``."""
+"""A small job behind a large one: ``python -m tests.load.fairness [--small 5000] [--large 1000000]``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import time
 from pathlib import Path
 
-from _common import Service, fail_unless, finished, service_in, write_sphere
+from tests.support.load import Service, fail_unless, finished, service_in, write_sphere
 
 
 def seconds_of(service: Service, path: Path) -> float:

@@ -1,4 +1,4 @@
-"""Many small jobs from many clients, none lost: ``python tests/load/many_jobs.py [--jobs 200] [--clients 50]``."""
+"""Many small jobs from many clients, none lost: ``python -m tests.load.many_jobs [--jobs 200] [--clients 50]``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from statistics import median, quantiles
 from typing import Any
 
 import httpx
-from _common import Service, fail_unless, finished, patiently, service_in, write_sphere
+
+from tests.support.load import Service, fail_unless, finished, patiently, service_in, write_sphere
 
 
 def client_of(service: Service, path: Path, jobs: int) -> list[tuple[dict[str, Any], float, int]]:

@@ -1,4 +1,4 @@
-"""Everything at once for a long time, with flat memory and descriptors: ``python tests/load/soak.py [--minutes 30]``.
+"""Everything at once for a long time, with flat memory and descriptors: ``python -m tests.load.soak [--minutes 30]``.
 
 Clients submit, follow, fetch, repeat, cancel, remove and send nonsense. Every few seconds the resident memory, the open
 descriptors and the threads of each process are written to ``--csv``; at the end the last third of the time is compared
@@ -18,7 +18,8 @@ from pathlib import Path
 from statistics import median
 
 import httpx
-from _common import Service, fail_unless, finished, patiently, service_in, write_sphere
+
+from tests.support.load import Service, fail_unless, finished, patiently, service_in, write_sphere
 
 SAMPLE_SECONDS = 2.0
 MEMORY_GROWTH, MEMORY_SLACK = 0.05, 16 * 2**20  # between two thirds of the time
@@ -30,7 +31,7 @@ def sample(service: Service, seconds: float) -> list[Sample]:
     """Return memory in bytes, descriptors and threads of every process."""
     assert service.process is not None
     names = {"supervisor": service.process.pid}
-    names |= {"API": service.child("service.server"), "worker": service.child("service.worker")}
+    names |= {"API": service.child("service.api"), "worker": service.child("service.worker")}
     rows = []
     for name, pid in names.items():
         status = Path(f"/proc/{pid}/status").read_text().split()

@@ -3,9 +3,9 @@ import pytest
 import torch
 
 from pcdnf import Denoiser, Stopped
-from pcdnf.choices import ChoiceError
-from pcdnf.cloud import CloudError, Frame
 from pcdnf.denoiser import Plan, iteration_seed
+from pcdnf.inference.options import ChoiceError
+from pcdnf.inference.unit_frame import CloudError, Frame
 
 MODELS = ["pcdnf-lite", "pcdnf"]
 

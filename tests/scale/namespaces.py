@@ -1,6 +1,6 @@
 """The service as on five machines: network namespaces joined by a bridge. Needs root and Linux; started by hand.
 
-    python tests/scale/namespaces.py [--points 200000] [--iterations 2]
+    python -m tests.scale.namespaces [--points 200000] [--iterations 2]
 
 PostgreSQL, S3 (SeaweedFS), an API process and two workers run in a namespace each, with an address each, so that they
 meet over the network alone; each has a data folder of its own. The same cloud is denoised by one worker alone, by two,
@@ -22,10 +22,7 @@ from pathlib import Path
 
 import httpx
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
-from service_process import write_sphere
+from tests.support.service_process import write_sphere
 
 BRIDGE, NETWORK = "pcdnf0", "10.97.53"
 HOSTS = {"database": 2, "storage": 3, "api": 4, "worker-1": 5, "worker-2": 6}
@@ -166,7 +163,7 @@ def main() -> None:
         cloud = write_sphere(folder / "cloud.ply", arguments.points)
         data = str(folder / "api")
         hosts.start(
-            "api", "-m", "service.server",
+            "api", "-m", "service.api",
             PCDNF_DATA_DIR=data, PCDNF_HOST="0.0.0.0", PCDNF_PORT="8000", PCDNF_ALLOW_ANONYMOUS="true",
         )  # fmt: skip
         client = stack.enter_context(

@@ -10,12 +10,12 @@ from typing import Any
 
 import httpx
 import pytest
-from board import Board, MakeApi, open_board
-from servers import s3_server
-from service_process import Served, Service, write_sphere
 
-from service.app import create_app
+from service.api.app import create_app
 from service.settings import Settings
+from tests.support.board import Board, MakeApi, open_board
+from tests.support.servers import s3_server
+from tests.support.service_process import Served, Service, write_sphere
 
 
 @pytest.fixture(scope="session")

@@ -8,12 +8,12 @@ from pathlib import Path
 import httpx
 import pytest
 from fastapi import FastAPI, HTTPException
-from service_process import Served
 from sqlalchemy.exc import OperationalError
 
 from service import problems
 from service.problems import CATALOGUE, Problem
 from service.settings import Settings
+from tests.support.service_process import Served
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from pcdnf.benchmark.clouds import analytic_clouds
-from pcdnf.cli import REFUSED, main
+from pcdnf.cli.main import REFUSED, main
 
 COUNT = 1200
 

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from misbehaving import Proxy, misbehaving
-from service_process import Service, write_sphere
+
+from tests.support.misbehaving import Proxy, misbehaving
+from tests.support.service_process import Service, write_sphere
 
 
 @pytest.fixture(scope="session")

@@ -17,9 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from misbehaving import Handler, Proxy, alter, busy, cut_answer, drop, drop_answer
 from pydantic import BaseModel
-from service_process import Service, write_sphere
 
 from pcdnf.client import (
     Client,
@@ -35,7 +33,9 @@ from pcdnf.client import (
 )
 from pcdnf.errors import PcdnfError
 from pcdnf.formats import read
-from service import catalogue, problems, views
+from service.api import schemas
+from tests.support.misbehaving import Handler, Proxy, alter, busy, cut_answer, drop, drop_answer
+from tests.support.service_process import Service, write_sphere
 
 LONG = {"iterations": 4}
 
@@ -48,16 +48,16 @@ def posts(proxy: Proxy) -> list[tuple[str, bytes]]:
 @pytest.mark.parametrize(
     ("ours", "theirs"),
     [
-        (Job, views.JobView),
-        (Progress, views.ProgressView),
-        (Execution, views.ExecutionView),
-        (Plan, views.PlanView),
-        (ProblemDetail, problems.ProblemDetail),
+        (Job, schemas.JobView),
+        (Progress, schemas.ProgressView),
+        (Execution, schemas.ExecutionView),
+        (Plan, schemas.PlanView),
+        (ProblemDetail, schemas.ProblemDetail),
     ],
 )
 def test_models_are_those_of_the_service(ours: type[BaseModel], theirs: type[BaseModel]) -> None:
     assert ours.model_fields.keys() == theirs.model_fields.keys()
-    assert Model.model_fields.keys() <= catalogue.Model.model_fields.keys()
+    assert Model.model_fields.keys() <= schemas.Model.model_fields.keys()
 
 
 def test_a_file_goes_there_and_back(url: str, cloud: Path, tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_patience_ends(proxy: Proxy) -> None:
 
 
 def test_a_wrong_address_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pcdnf.client.patience.FIRST_CONTACT_SECONDS", 1.0)
+    monkeypatch.setattr("pcdnf.client.retries.FIRST_CONTACT_SECONDS", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     began = time.monotonic()
@@ -321,7 +321,7 @@ def test_a_large_file_takes_no_memory(tmp_path: Path) -> None:
 
 
 def test_without_httpx_it_says_what_to_install() -> None:
-    code = "import sys; sys.modules['httpx'] = None\nfrom pcdnf.cli import main\nsys.exit(main(['jobs']))"
+    code = "import sys; sys.modules['httpx'] = None\nfrom pcdnf.cli.main import main\nsys.exit(main(['jobs']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert "pip install 'pcdnf[client]'" in done.stderr

@@ -1,0 +1,3 @@
+"""The command line: one module a command, wired by :mod:`pcdnf.cli.main`."""
+
+from .main import main as main

@@ -1,0 +1,158 @@
+"""The command ``pcdnf denoise``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import PcdnfError
+from ..file_formats import SUFFIXES, TEXT_FORMATS, titles
+from ..formats import Limits, PointCloud, read, write
+from ..inference.options import check_iterations, check_radius
+from .common import check_writable
+
+if TYPE_CHECKING:
+    from ..denoiser import Denoiser, DenoiseResult
+
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def add_denoise(subparsers: Subparsers) -> None:
+    """Add the command ``denoise``."""
+    parser = subparsers.add_parser(
+        "denoise",
+        help=f"denoise a file: {titles()}",
+        description="Denoise a point cloud. Colours, other properties, comments, types and order are kept; "
+        "normals are added. The result says how it was made.",
+    )
+    parser.add_argument("input", type=Path, help=f"{titles()} (see docs/formats.md)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        help="written as its ending says (.ply, .npz, …), else as the input was",
+    )
+    parser.add_argument(
+        "--iterations", default="auto", metavar="N", help="passes over the cloud, or auto: by its noise (auto)"
+    )
+    parser.add_argument(
+        "--radius",
+        default="auto",
+        metavar="R",
+        help="size of the neighbourhoods: auto, a length in the cloud's unit, or a share of its diagonal: 4%% (auto)",
+    )
+    parser.add_argument(
+        "--fast", action="store_true", help="half as many neighbours a point: about 1.4 times as fast, a little rougher"
+    )
+    parser.add_argument("--model", metavar="M", help="a name that `pcdnf models` lists, or a .safetensors file")
+    parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
+    parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])
+    parser.add_argument(
+        "--normals",
+        default="auto",
+        choices=["auto", "pca", "input"],
+        help="raw normals: estimated at a scale that suits the noise, from 24 neighbours, or the file's (auto)",
+    )
+    parser.add_argument("--orient", action="store_true", help="turn the normals to one side of the surface")
+    parser.add_argument("--outliers", default="keep", choices=["keep", "drop"], help="points far from all others")
+    parser.add_argument("--nonfinite", default="reject", choices=["reject", "drop"], help="rows of NaN or infinity")
+    parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="of every random choice (0)")
+    parser.add_argument(
+        "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved"
+    )
+    parser.add_argument("--quiet", action="store_true", help="print errors and warnings only")
+    parser.set_defaults(run=_denoise)
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value
+
+
+def _denoise(options: argparse.Namespace) -> int:
+    for path in filter(None, (options.output, options.picture)):
+        check_writable(path)
+    check_iterations(options.iterations)
+    check_radius(options.radius)
+    cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
+    if options.outliers == "drop":
+        from ..geometry.outliers import drop_outliers
+
+        cloud = drop_outliers(cloud)
+    if options.normals == "input" and cloud.normals is None:
+        raise PcdnfError(
+            "The file has no normals.", code="no_normals", hint="Leave out --normals input to have them estimated."
+        )
+    from ..denoiser import Denoiser
+    from ..models.catalog import DEFAULT_MODEL
+
+    denoiser = Denoiser.load(options.model or DEFAULT_MODEL, device=options.device, precision=options.precision)
+    began = time.monotonic()
+    result = _run(denoiser, cloud, options)
+    seconds = time.monotonic() - began
+    normals = result.normals
+    if options.orient:
+        from ..geometry.orientation import orient_normals
+
+        normals = orient_normals(result.points, normals, like=cloud.normals)
+    around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
+    denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
+    notes = cloud.warnings + _written(options.output, denoised, options.input)
+    if result.flagged.any():
+        notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
+    for note in notes:
+        print(f"pcdnf: {note}", file=sys.stderr)
+    if options.picture:
+        from ..render.figure import draw
+
+        draw(options.picture, [cloud, denoised], title=options.input.name)
+    if not options.quiet:
+        facts = result.metadata
+        rate = len(cloud) * int(facts["iterations"]) / seconds
+        how = f"{denoiser.device}, {denoiser.precision}, {facts['model']}"
+        print(f"{len(cloud):,} points in {seconds:.1f} s ({rate:,.0f} points/s; {how}): {options.output}")
+        print(f"noise about {facts['estimated_noise']}; iterations: {facts['iterations']}, radius: {facts['radius']}")
+    return 0
+
+
+def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> DenoiseResult:
+    """Denoise behind a progress bar, which a pipe does not get."""
+    from tqdm import tqdm
+
+    hidden = True if options.quiet else None
+    with tqdm(unit=" points", unit_scale=True, disable=hidden, leave=False) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        return denoiser.denoise(
+            cloud.points,
+            cloud.normals,
+            iterations=options.iterations,
+            radius=options.radius,
+            fast=options.fast,
+            initial=options.normals,
+            seed=options.seed,
+            progress=progress,
+        )
+
+
+def _written(path: Path, cloud: PointCloud, source: Path) -> list[str]:
+    """Write a result in the format its name asks for, else in that of the input; what could not be kept."""
+    ending = path.suffix.lower()
+    as_it_came = cloud.flavour.format in TEXT_FORMATS and ending == source.suffix.lower()  # a .txt may hold commas
+    try:
+        return write(path, cloud, format=None if as_it_came else SUFFIXES.get(ending))
+    except OSError as error:
+        raise PcdnfError(
+            f"{path} cannot be written: {error.strerror or type(error).__name__}.",
+            code="unwritable_file",
+            hint="Check its folder's permissions and the space left.",
+        ) from error

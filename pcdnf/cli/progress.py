@@ -1,0 +1,144 @@
+"""How far the work is, on standard error: bars on a terminal, lines elsewhere."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Protocol
+
+from tqdm import tqdm
+
+from ..client.schemas import Job
+
+LINE_SHARE, LINE_BYTES = 0.1, 1 << 28
+"""A line is printed whenever so much more of a job is done, or of a file is sent."""
+COLUMNS, ROWS = 80, 24
+"""Of a terminal that does not know its size."""
+
+
+class Display(Protocol):
+    """What is told to whoever waits."""
+
+    def upload(self, name: str, done: int, total: int) -> None:
+        """Bytes of an upload."""
+
+    def job(self, name: str, job: Job) -> None:
+        """A look at a job."""
+
+    def note(self, text: str) -> None:
+        """A sentence that stays."""
+
+    def clear(self) -> None:
+        """Nothing is under way now."""
+
+
+def choose(*, quiet: bool) -> Display:
+    """The display that suits standard error."""
+    if quiet:
+        return Quiet()
+    return Bars() if sys.stderr.isatty() else Lines()
+
+
+class Quiet:
+    """Notes alone."""
+
+    def upload(self, name: str, done: int, total: int) -> None:
+        """Nothing."""
+
+    def job(self, name: str, job: Job) -> None:
+        """Nothing."""
+
+    def note(self, text: str) -> None:
+        """A line."""
+        print(f"pcdnf: {text}", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Nothing."""
+
+
+class Lines(Quiet):
+    """A line for every step, and for every tenth of a job."""
+
+    def __init__(self) -> None:
+        self._last: tuple[str, object] | None = None
+
+    def upload(self, name: str, done: int, total: int) -> None:
+        """A line at the start and every now and then."""
+        self._say(name, f"uploading, {_bytes(done)} of {_bytes(total)}", done // LINE_BYTES)
+
+    def job(self, name: str, job: Job) -> None:
+        """A line where something changed."""
+        if job.status == "queued":
+            self._say(name, _queued(job), job.queue_position)
+        elif job.live:
+            share = job.progress.done / max(job.progress.total, 1)
+            self._say(name, f"{share:.0%}{_speed(job)}", int(share / LINE_SHARE))
+
+    def _say(self, name: str, text: str, key: object) -> None:
+        if self._last != (name, key):
+            self._last = (name, key)
+            self.note(f"{name}: {text}")
+
+
+class Bars:
+    """One bar: of the upload, of the queue, of the job."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm | None = None
+        self._shows: tuple[str, str] | None = None
+
+    def upload(self, name: str, done: int, total: int) -> None:
+        """Bytes, their rate, and the time left."""
+        bar = self._show(name, "upload", total, unit="B", unit_scale=True, unit_divisor=1024)
+        bar.update(done - bar.n)
+
+    def job(self, name: str, job: Job) -> None:
+        """The place in the queue, then points and the service's own figures of speed and time."""
+        if job.status == "queued":
+            bar = self._show(name, _queued(job), 1, bar_format="{desc} [{elapsed}]")
+            bar.refresh()
+            return
+        layout = "{l_bar}{bar}| {n_fmt}/{total_fmt} points [{elapsed}{postfix}]"
+        what = "stopping" if job.status == "cancelling" else "denoise"
+        bar = self._show(name, what, job.progress.total, bar_format=layout, unit_scale=True)
+        bar.set_postfix_str(_speed(job).removeprefix(", "), refresh=False)
+        bar.update(job.progress.done - bar.n)
+        bar.refresh()
+
+    def note(self, text: str) -> None:
+        """A line above the bar."""
+        tqdm.write(f"pcdnf: {text}", file=sys.stderr)
+
+    def clear(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+        self._bar = self._shows = None
+
+    def _show(self, name: str, what: str, total: int, **options: object) -> tqdm:
+        """The bar of a step; the last one leaves."""
+        if self._bar is None or self._shows != (name, what):
+            self.clear()
+            known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
+            width = {"dynamic_ncols": True} if known else {"ncols": COLUMNS, "nrows": ROWS}
+            self._bar = tqdm(total=total, desc=f"{name}: {what}", file=sys.stderr, leave=False, **width, **options)
+            self._shows = (name, what)
+        return self._bar
+
+
+def _queued(job: Job) -> str:
+    place = "queued" if job.queue_position is None else f"queued, position {job.queue_position}"
+    return place if job.seconds_left is None else f"{place}, done in about {_duration(job.seconds_left)}"
+
+
+def _speed(job: Job) -> str:
+    speed = "" if job.points_per_second is None else f", {job.points_per_second:,.0f} points/s"
+    return speed if job.seconds_left is None else f"{speed}, {_duration(job.seconds_left)} left"
+
+
+def _duration(seconds: float) -> str:
+    return str(tqdm.format_interval(seconds))
+
+
+def _bytes(size: int) -> str:
+    return str(tqdm.format_sizeof(size, "B", 1024))

@@ -1,0 +1,79 @@
+"""The command ``pcdnf render``: clouds before and after, and a map of displacement or error, as a PNG."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..file_formats import titles
+from ..render.camera import UPS, VIEWS
+from ..render.figure import draw
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+SIZES = (160, 16_000)
+"""Fewest and most pixels of a side."""
+
+
+def add_render(subparsers: Subparsers) -> None:
+    """Add the command ``render``."""
+    parser = subparsers.add_parser(
+        "render",
+        help="draw clouds as a PNG, with a map of displacement or error",
+        description="Draw a cloud, or one before and after, and how far each point moved (or, with --clean, how far "
+        "each is from the clean surface), in the unit of the file. Needs no display and no GPU.",
+    )
+    parser.add_argument("before", type=Path, help=titles())
+    parser.add_argument("after", type=Path, nargs="?", help="the same points, denoised")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="the PNG")
+    parser.add_argument("--clean", type=Path, help="the clean cloud, for a map of the error")
+    parser.add_argument(
+        "--map",
+        choices=["auto", "displacement", "error", "none"],
+        default="auto",
+        help="auto: error with --clean, else displacement where there are two clouds of the same points",
+    )
+    parser.add_argument("--title", help="a line of its own (the name of the file)")
+    parser.add_argument("--labels", nargs="+", metavar="LABEL", help="in place of Before and After")
+    parser.add_argument("--unit", default="", metavar="U", help="of the file's coordinates, as mm, for the legend")
+    parser.add_argument("--view", choices=["auto", *VIEWS], default="auto", help="where it is seen from (%(default)s)")
+    parser.add_argument("--up", choices=UPS, help="the axis that points up, as in --up=-y (guessed)")
+    parser.add_argument("--size", type=_size, metavar="WxH", help="pixels of the picture (1600x900; more with maps)")
+    parser.add_argument("--plain", action="store_true", help="clay in place of the file's colours")
+    parser.add_argument("--no-detail", action="store_true", help="leave the magnified detail out")
+    parser.set_defaults(run=_render)
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d+)x(\d+)", text, re.ASCII)
+    if not found or not all(SIZES[0] <= int(side) <= SIZES[1] for side in found.groups()):
+        raise argparse.ArgumentTypeError(f"must look like 1600x900, each from {SIZES[0]} to {SIZES[1]}")
+    return int(found[1]), int(found[2])
+
+
+def _render(options: argparse.Namespace) -> int:
+    from ..formats.files import read_any
+    from .common import check_writable
+
+    check_writable(options.output)
+    clouds = [read_any(path) for path in (options.before, options.after) if path is not None]
+    clean = None if options.clean is None else read_any(options.clean)
+    draw(
+        options.output,
+        clouds,
+        clean=clean,
+        kind=options.map,
+        labels=options.labels,
+        title=options.before.name if options.title is None else options.title,
+        unit=options.unit,
+        size=options.size,
+        view=None if options.view == "auto" else options.view,
+        up=options.up,
+        inset=not options.no_detail,
+        coloured=not options.plain,
+    )
+    return 0

@@ -1,0 +1,47 @@
+"""The command ``pcdnf train``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def add_train(subparsers: Subparsers, *, complete: bool) -> None:
+    """Add the command ``train``; its options cost an import of torch, so only where they are needed."""
+    parser = subparsers.add_parser("train", help="train a network on generated shapes")
+    if complete:
+        add_train_arguments(parser)
+    parser.set_defaults(run=_train)
+
+
+def _train(options: argparse.Namespace) -> int:
+    from ..training.trainer import run
+
+    run(options)
+    return 0
+
+
+def add_train_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``pcdnf train``."""
+    from ..training.defaults import DEFAULTS
+
+    parser.add_argument("folder", type=Path, help="where the run lives; an interrupted run goes on from there")
+    parser.add_argument("--kind", choices=sorted(DEFAULTS), default="lite", help="which network")
+    parser.add_argument("--minutes", type=float, default=60.0, help="wall time of the whole schedule")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    parser.add_argument("--threads", type=int, default=1, help="threads of torch")
+    parser.add_argument("--workers", type=int, help="processes that prepare batches")
+    parser.add_argument("--batch", type=int, help="patches a step")
+    parser.add_argument("--learning-rate", type=float, metavar="RATE", help="the highest of the schedule")
+    parser.add_argument("--start", metavar="MODEL", help="model to start from instead of random weights")
+    parser.add_argument("--first-pass", metavar="MODEL", help="model that prepares a share of the clouds, or 'self'")
+    parser.add_argument("--first-pass-share", type=float, default=0.4)
+    parser.add_argument("--save-every", type=float, default=150.0, metavar="SECONDS")
+    parser.add_argument("--validation-patches", type=int, default=2048)
+    parser.add_argument("--validation-clouds", type=int, default=12)
+    parser.add_argument("--pool", type=int, default=64, help="training clouds held in memory at once")
+    parser.add_argument("--seed", type=int, default=0)

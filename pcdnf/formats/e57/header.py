@@ -1,0 +1,243 @@
+"""The header and the XML of an E57 file, checked before the library opens it. ASTM E2807.
+
+A file is pages of 1 024 bytes, the last four of each a checksum. The XML at its end names the scans; what it declares
+is compared with the size of the file here. No array is allocated.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from dataclasses import dataclass
+from typing import BinaryIO, NoReturn
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..errors import FormatError, shown
+
+MAX_XML_BYTES = 16 * 1024**2
+MAX_SCANS = 1000
+MAX_FIELDS = 64
+
+NORMALS_URI = "http://www.libe57.org/E57_NOR_surface_normals.txt"
+
+_PREFIX = re.compile(r'xmlns:([A-Za-z_][\w.-]*)\s*=\s*"([^"]*)"')
+_PAGE, _PAYLOAD = 1024, 1020
+_HEADER = struct.Struct("<8sIIQQQQ")
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_INTEGERS = ("u1", "i1", "u2", "i2", "u4", "i4")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One value a point: its name, its numpy type in memory, its bits in the file, and its name as spelled there."""
+
+    name: str
+    dtype: str
+    bits: int
+    path: str
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One scan: its number in the file, its points, its pose as (w, x, y, z) and a shift, and what names it."""
+
+    number: int
+    count: int
+    fields: tuple[Field, ...]
+    rotation: tuple[float, float, float, float]
+    translation: tuple[float, float, float]
+    guid: str
+    name: str
+    description: str
+
+    @property
+    def coordinates(self) -> tuple[str, str, str]:
+        """The names of its coordinates."""
+        return _CARTESIAN if any(field.name == _CARTESIAN[0] for field in self.fields) else _SPHERICAL
+
+
+def read_scans(file: BinaryIO, size: int) -> tuple[list[Scan], list[str]]:
+    """The scans of a file of ``size`` bytes that is open at its first byte, and sentences on what is not kept.
+
+    Raises
+    ------
+    FormatError
+        ``bad_header``, ``header_too_long``, ``truncated``, ``trailing_data``, ``too_many_elements`` or
+        ``missing_coordinates``.
+    """
+    root, prefixes = _xml(file, size)
+    scans = []
+    notes = []
+    nodes = root.findall("./{*}data3D/{*}vectorChild")
+    if len(nodes) > MAX_SCANS:
+        _too_many("scans", MAX_SCANS, len(nodes))
+    for number, node in enumerate(nodes):
+        scans.append(_scan(node, number, size, prefixes))
+    kept = {"guid", "name", "description", "pose", "points"}
+    derived = {"cartesianBounds", "sphericalBounds", "indexBounds", "intensityLimits", "colorLimits"}
+    lost = sorted({_local(child) for node in nodes for child in node} - kept - derived)
+    if lost:
+        notes.append(f"An E57 result leaves out of each scan: {', '.join(shown(name) for name in lost[:12])}.")
+    if root.findall("./{*}images2D/{*}vectorChild"):
+        notes.append("The images of the E57 were left out: only points are kept.")
+    return scans, notes
+
+
+def _xml(file: BinaryIO, size: int) -> tuple[ElementTree.Element, dict[str, str]]:
+    """The root of the XML, and the prefixes of extensions by their address."""
+    head = file.read(_HEADER.size)
+    if len(head) < _HEADER.size:
+        _truncated(_HEADER.size, size)
+    _, major, minor, length, offset, xml_length, page = _HEADER.unpack(head)
+    if (major, minor, page) != (1, 0, _PAGE) or length % _PAGE:
+        _bad(f"version {major}.{minor} with pages of {page} bytes is not 1.0 with pages of {_PAGE}")
+    if length > size:
+        _truncated(length, size)
+    if length < size:
+        raise FormatError(
+            f"The header declares a file of {length} bytes; the file has {size}.",
+            code="trailing_data",
+            hint="Remove what follows the end.",
+            limit=length,
+            actual=size,
+        )
+    if xml_length > MAX_XML_BYTES:
+        raise FormatError(
+            f"The XML of the E57 has {xml_length} bytes; at most {MAX_XML_BYTES} are read.",
+            code="header_too_long",
+            hint="Export fewer scans at a time.",
+            limit=MAX_XML_BYTES,
+            actual=xml_length,
+        )
+    first, inside = divmod(offset, _PAGE)
+    pages = -(-(inside + xml_length) // _PAYLOAD)
+    if inside >= _PAYLOAD or (first + pages) * _PAGE > size:
+        _truncated((first + pages) * _PAGE, size)
+    file.seek(first * _PAGE)
+    raw = file.read(pages * _PAGE)
+    text = b"".join(raw[at : at + _PAYLOAD] for at in range(0, len(raw), _PAGE))[inside : inside + xml_length]
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text or b"\0" in text:
+        _bad("its XML declares a document type, or is not UTF-8")
+    try:
+        prefixes = {uri: prefix for prefix, uri in _PREFIX.findall(text.decode("utf-8"))}
+        return ElementTree.fromstring(text), prefixes
+    except (ElementTree.ParseError, UnicodeDecodeError, ValueError):
+        _bad("its XML cannot be parsed")
+
+
+def _scan(node: ElementTree.Element, number: int, size: int, prefixes: dict[str, str]) -> Scan:
+    points = node.find("./{*}points")
+    prototype = None if points is None else points.find("./{*}prototype")
+    if points is None or prototype is None:
+        _bad(f"scan {number} has no points")
+    count, offset = _whole(points.get("recordCount", "0")), _whole(points.get("fileOffset", "0"))
+    if min(count, offset) < 0:
+        _bad(f"scan {number} has {count} points at {offset}")
+    fields = tuple(_field(child, prefixes) for child in prototype)
+    if len(fields) > MAX_FIELDS:
+        _too_many("fields in a scan", MAX_FIELDS, len(fields))
+    names = [field.name for field in fields]
+    if len(set(names)) != len(names):
+        _bad(f"scan {number} names a field twice")
+    if not any(set(wanted) <= set(names) for wanted in (_CARTESIAN, _SPHERICAL)):
+        raise FormatError(
+            f"Scan {number} has neither {', '.join(_CARTESIAN)} nor {', '.join(_SPHERICAL)}.",
+            code="missing_coordinates",
+            hint="Export the points with coordinates.",
+        )
+    least = offset + count * sum(field.bits for field in fields) // 8
+    if least > size or offset < _HEADER.size or offset >= size:
+        _truncated(max(least, _HEADER.size), size)
+    values = {_path: _number(node, _path) for _path in ("w", "x", "y", "z")}
+    shift = tuple(_number(node, axis, "translation") for axis in "xyz")
+    if node.find("./{*}pose/{*}rotation") is None:
+        values["w"] = 1.0
+    length = math.sqrt(sum(value * value for value in values.values()))
+    if not 0.99 < length < 1.01 or not all(map(math.isfinite, shift)):
+        _bad(f"the pose of scan {number} is no rotation and shift")
+    unit = [value / length for value in values.values()]
+    return Scan(
+        number=number,
+        count=count,
+        fields=fields,
+        rotation=(unit[0], unit[1], unit[2], unit[3]),
+        translation=(shift[0], shift[1], shift[2]),
+        guid=node.findtext("./{*}guid") or "",
+        name=node.findtext("./{*}name") or "",
+        description=node.findtext("./{*}description") or "",
+    )
+
+
+def _field(node: ElementTree.Element, prefixes: dict[str, str]) -> Field:
+    (name, path), kind = _spelled(node, prefixes), node.get("type")
+    if kind == "Float":
+        double = node.get("precision", "double") == "double"
+        return Field(name, "f8" if double else "f4", 64 if double else 32, path)
+    if kind not in ("Integer", "ScaledInteger"):
+        _bad(f"field {shown(name)} is no number")
+    least, most = _whole(node.get("minimum", str(-(2**63)))), _whole(node.get("maximum", str(2**63 - 1)))
+    if not -(2**63) <= least <= most < 2**63:
+        _bad(f"field {shown(name)} has bounds that cannot be")
+    bits = (most - least).bit_length()
+    if kind == "ScaledInteger":
+        return Field(name, "f8", bits, path)
+    fits = (one for one in _INTEGERS if np.iinfo(one).min <= least and most <= np.iinfo(one).max)
+    return Field(name, next(fits, "i8"), bits, path)
+
+
+def _spelled(node: ElementTree.Element, prefixes: dict[str, str]) -> tuple[str, str]:
+    """The name of a field, and as it is spelled; those of the extension for normals go by its usual prefix."""
+    space, _, local = node.tag.removeprefix("{").rpartition("}")
+    prefix = prefixes.get(space)
+    path = f"{prefix}:{local}" if prefix else local
+    return (f"nor:{local}" if space == NORMALS_URI else path), path
+
+
+def _local(node: ElementTree.Element) -> str:
+    return node.tag.rpartition("}")[2]
+
+
+def _whole(text: str) -> int:
+    if not text.removeprefix("-").isdecimal() or not text.isascii() or len(text) > 20:
+        _bad(f"{shown(text)} is no whole number")
+    return int(text)
+
+
+def _number(node: ElementTree.Element, name: str, part: str = "rotation") -> float:
+    text = node.findtext(f"./{{*}}pose/{{*}}{part}/{{*}}{name}") or "0"
+    try:
+        return float(text)
+    except ValueError:
+        _bad(f"{shown(text)} in a pose is no number")
+
+
+def _bad(what: str) -> NoReturn:
+    raise FormatError(
+        f"The E57 header is wrong: {what}.",
+        code="bad_header",
+        hint="Export the file again with a tool that writes E57 1.0, or as LAS or PLY.",
+    )
+
+
+def _too_many(what: str, limit: int, actual: int) -> NoReturn:
+    raise FormatError(
+        f"The E57 has {actual} {what}; at most {limit} are read.",
+        code="too_many_elements",
+        hint="Export fewer at a time.",
+        limit=limit,
+        actual=actual,
+    )
+
+
+def _truncated(expected: int, size: int) -> NoReturn:
+    raise FormatError(
+        f"The E57 header declares a file of at least {expected} bytes; the file has {size}.",
+        code="truncated",
+        hint="The file is cut off, or its header declares too much: copy or export it again.",
+        limit=expected,
+        actual=size,
+    )

@@ -1,0 +1,270 @@
+"""The header of a LAS or LAZ file and its variable-length records: checked against the size of the file.
+
+LAS 1.4 R15, sections 2.4 and 2.5. No array is allocated here.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import BinaryIO, NoReturn
+
+import numpy as np
+
+from ..errors import FormatError, shown
+from .points import EXTRA_ENTRY, EXTRA_TYPES, RECORDS, SCALED, Extra, bits_of, record_dtype
+
+MAX_RECORDS = 1000
+"""Variable-length records, of either kind."""
+MAX_HEADER_BYTES = 64 * 1024**2
+"""Before the first point: a coordinate system takes some kilobytes."""
+
+VLR = struct.Struct("<2s16sHH32s")
+EVLR = struct.Struct("<2s16sHQ32s")
+COMPRESSED = 0x80
+
+_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375}
+_HIGHEST_FORMAT = {0: 1, 1: 1, 2: 3, 3: 5, 4: 10}
+_LASZIP = (b"laszip encoded", 22204)
+_EXTRA_BYTES = (b"LASF_Spec", 4)
+_ITEM = struct.Struct("<HHH")
+_LASZIP_FIXED = struct.Struct("<HHBBHIIqqH")
+
+
+@dataclass(frozen=True)
+class Record:
+    """A variable-length record."""
+
+    user: bytes
+    number: int
+    description: bytes
+    data: bytes
+
+
+@dataclass
+class Header:
+    """What a file declares.
+
+    Attributes
+    ----------
+    raw : bytes
+        The public header as it stands.
+    records : list of Record
+        Without those on compression and extra dimensions.
+    gap : bytes
+        What stands between the records and the points.
+    start, end : int
+        Where the points begin, and where what follows them does.
+    compression : bytes
+        The record on compression; empty for LAS.
+    """
+
+    raw: bytes
+    point_format: int
+    stride: int
+    count: int
+    scales: tuple[float, float, float]
+    offsets: tuple[float, float, float]
+    records: list[Record]
+    extras: tuple[Extra, ...]
+    gap: bytes
+    start: int
+    end: int
+    compression: bytes
+
+    @property
+    def minor(self) -> int:
+        """The second number of the version."""
+        return self.raw[25]
+
+
+def read_header(file: BinaryIO, size: int) -> Header:
+    """Parse the start of a file of ``size`` bytes that is open at its first byte.
+
+    Raises
+    ------
+    FormatError
+        ``bad_header``, ``header_too_long``, ``truncated``, ``trailing_data`` or ``too_many_elements``.
+    """
+    raw = file.read(_SIZES[4])
+    if len(raw) < _SIZES[0]:
+        _truncated(_SIZES[0], size)
+    major, minor = raw[24], raw[25]
+    if major != 1 or minor not in _SIZES:
+        _bad(f"version {major}.{minor} is none of 1.0 to 1.4")
+    header_size, start, record_count = struct.unpack_from("<HII", raw, 94)
+    if header_size < _SIZES[minor] or start < header_size:
+        _bad(f"a header of {header_size} bytes before points at {start} cannot be")
+    if start > size:
+        _truncated(start, size)
+    if start > MAX_HEADER_BYTES or record_count > MAX_RECORDS:
+        raise FormatError(
+            f"The LAS header has {start} bytes and {record_count} variable-length records.",
+            code="header_too_long",
+            hint="Remove large records from the header.",
+            limit=MAX_RECORDS if record_count > MAX_RECORDS else MAX_HEADER_BYTES,
+            actual=record_count if record_count > MAX_RECORDS else start,
+        )
+    file.seek(0)
+    head = file.read(start)
+    kind, stride, count = struct.unpack_from("<BHI", head, 104)
+    point_format = kind & 0x3F
+    if point_format > _HIGHEST_FORMAT[minor]:
+        _bad(f"version 1.{minor} has no point format {point_format}")
+    evlr_start = evlr_count = 0
+    if minor == 4:
+        evlr_start, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
+        if count and long_count and count != long_count:
+            _bad(f"it declares {count} points and {long_count}")
+        count = long_count or count
+    scales, offsets = struct.unpack_from("<3d", head, 131), struct.unpack_from("<3d", head, 155)
+    if not all(np.isfinite(scales)) or not all(np.isfinite(offsets)) or min(np.abs(scales)) == 0:
+        _bad("its scales and offsets must be finite, and no scale 0")
+    records, position = _records(head, header_size, record_count)
+    compression = b"".join(record.data for record in records if (record.user, record.number) == _LASZIP)
+    extras = _extras(records, point_format, stride)
+    header = Header(
+        raw=head[:header_size],
+        point_format=point_format,
+        stride=stride,
+        count=count,
+        scales=scales,
+        offsets=offsets,
+        records=[record for record in records if (record.user, record.number) not in (_LASZIP, _EXTRA_BYTES)],
+        extras=extras,
+        gap=head[position:],
+        start=start,
+        end=start + count * stride,
+        compression=compression if kind & COMPRESSED else b"",
+    )
+    if kind & COMPRESSED:
+        header.end = evlr_start if evlr_count else size
+        _check_compression(file, header, size)
+    elif header.end > size:
+        _truncated(header.end, size)
+    _check_tail(file, header, size, evlr_start, evlr_count)
+    return header
+
+
+def _bad(what: str) -> NoReturn:
+    raise FormatError(
+        f"The LAS header is wrong: {what}.",
+        code="bad_header",
+        hint="Export the file again with a tool that writes LAS 1.2 to 1.4.",
+    )
+
+
+def _truncated(expected: int, size: int) -> NoReturn:
+    raise FormatError(
+        f"The LAS header declares a file of at least {expected} bytes; the file has {size}.",
+        code="truncated",
+        hint="The file is cut off, or its header declares too much: copy or export it again.",
+        limit=expected,
+        actual=size,
+    )
+
+
+def _records(head: bytes, position: int, count: int) -> tuple[list[Record], int]:
+    """The variable-length records, and where they end."""
+    records = []
+    for _ in range(count):
+        if position + VLR.size > len(head):
+            _bad("its variable-length records reach into the points")
+        _, user, number, length, description = VLR.unpack_from(head, position)
+        position += VLR.size
+        if position + length > len(head):
+            _bad("its variable-length records reach into the points")
+        records.append(Record(user.rstrip(b"\0"), number, description, head[position : position + length]))
+        position += length
+    return records, position
+
+
+def _extras(records: list[Record], point_format: int, stride: int) -> tuple[Extra, ...]:
+    """The extra dimensions that fill up a record of ``stride`` bytes."""
+    room = stride - record_dtype(point_format, ()).itemsize
+    if room < 0:
+        _bad(f"point format {point_format} does not fit into {stride} bytes")
+    entries = b"".join(record.data for record in records if (record.user, record.number) == _EXTRA_BYTES)
+    extras: list[Extra] = []
+    for at in range(0, len(entries) - EXTRA_ENTRY.size + 1, EXTRA_ENTRY.size):
+        entry = entries[at : at + EXTRA_ENTRY.size]
+        _, code, options, raw_name, *_ = EXTRA_ENTRY.unpack(entry)
+        if code > 3 * len(EXTRA_TYPES):
+            _bad(f"extra dimension {len(extras)} has the type {code}, which LAS does not define")
+        dtype = EXTRA_TYPES[(code - 1) % len(EXTRA_TYPES)] if code else "u1"
+        extra = Extra(
+            name=_free(raw_name.split(b"\0")[0].decode("utf-8", "replace"), extras, point_format),
+            dtype="<" + dtype,
+            count=(code - 1) // len(EXTRA_TYPES) + 1 if code else max(1, options),
+            entry=entry,
+        )
+        if extra.size > room:
+            _bad(f"extra dimension {shown(extra.name)} does not fit into the {stride} bytes of a point")
+        room -= extra.size
+        extras.append(extra)
+    if room:
+        extras.append(Extra(_free("extra_bytes", extras, point_format), "<u1", room, b""))
+    return tuple(extras)
+
+
+def _free(name: str, extras: list[Extra], point_format: int) -> str:
+    taken = {"X", "Y", "Z", *(extra.name for extra in extras), *(field[0] for field in RECORDS[point_format])}
+    taken |= {part for parts in bits_of(point_format).values() for part, _ in parts}
+    stem = name if name.isprintable() and name.strip() else "extra"
+    names = (stem if count == 1 else f"{stem}_{count}" for count in range(1, len(taken) + 2))
+    return next(one for one in names if one not in taken)
+
+
+def is_scaled(extra: Extra) -> bool:
+    """Whether the stored values are to be scaled and shifted."""
+    return bool(extra.entry) and bool(extra.entry[3] & SCALED) and extra.entry[2] != 0
+
+
+def _check_compression(file: BinaryIO, header: Header, size: int) -> None:
+    """What a LAZ says of its compression, before the library is asked."""
+    data = header.compression
+    if len(data) < _LASZIP_FIXED.size:
+        _bad("it is compressed and has no record on that")
+    compressor, _, _, _, _, _, chunk, _, _, items = _LASZIP_FIXED.unpack_from(data)
+    sizes = [_ITEM.unpack_from(data, at)[1] for at in range(_LASZIP_FIXED.size, len(data) - _ITEM.size + 1, _ITEM.size)]
+    if len(sizes) != items or sum(sizes) != header.stride or compressor not in (2, 3) or chunk == 0:
+        _bad("its record on compression does not agree with its points")
+    if header.end > size or header.start + 8 > header.end:
+        _truncated(max(header.end, header.start + 8), size)
+    file.seek(header.start)
+    (table,) = struct.unpack("<q", file.read(8))
+    if table == -1:
+        file.seek(header.end - 8)
+        (table,) = struct.unpack("<q", file.read(8))
+    if not header.start + 8 <= table <= header.end - 8:
+        _bad("its table of chunks is not in the file")
+    file.seek(table)
+    _, chunks = struct.unpack("<II", file.read(8))
+    if chunks > max(header.count, 1):
+        _bad(f"it has {chunks} chunks for {header.count} points")
+
+
+def _check_tail(file: BinaryIO, header: Header, size: int, start: int, count: int) -> None:
+    """What follows the points must be extended records that end with the file."""
+    position, seen = header.end, 0
+    if count and start != header.end:
+        _bad("its extended records do not follow the points")
+    if header.minor < 3 and not header.compression:
+        count = 0
+    while position < size and (seen < count if header.minor == 4 else header.minor == 3):
+        file.seek(position)
+        head = file.read(EVLR.size)
+        if len(head) < EVLR.size or seen == MAX_RECORDS:
+            break
+        position += EVLR.size + EVLR.unpack(head)[3]
+        seen += 1
+    if position > size or (header.minor == 4 and seen < count):
+        _truncated(max(position, size + 1), size)
+    if position < size:
+        raise FormatError(
+            f"The header declares a file of {position} bytes; the file has {size}.",
+            code="trailing_data",
+            hint="Correct the counts in the header, or remove what follows the points.",
+            limit=position,
+            actual=size,
+        )

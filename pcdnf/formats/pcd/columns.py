@@ -1,0 +1,121 @@
+"""A cloud as the fields of a PCD, whatever it came from; colours packed into one value and back."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..attributes import CHANNELS, eight_bit_colours, numeric_attributes
+from ..errors import FormatError, shown
+from ..flavours import PcdFlavour
+from ..point_cloud import PointCloud
+from .header import MAX_FIELDS, MAX_VALUES, PADDING, Field
+
+NORMAL_NAMES = (
+    ("normal_x", "normal_y", "normal_z"),
+    ("nx", "ny", "nz"),
+    ("denoised_nx", "denoised_ny", "denoised_nz"),
+)
+"""Spellings of the three normal components, the first one found counts; new ones take the first that is free."""
+
+COLOUR_FIELDS = ("rgb", "rgba")
+"""Fields of four bytes that hold blue, green, red and alpha, from the lowest byte up."""
+
+
+def unpacked(values: NDArray[Any], *, alpha: bool) -> dict[str, NDArray[np.uint8]]:
+    """Red, green and blue, and alpha where it is asked for or says anything, (N,) uint8 each."""
+    octets = np.ascontiguousarray(values).view(np.uint8).reshape(-1, 4)
+    colours = {"red": octets[:, 2].copy(), "green": octets[:, 1].copy(), "blue": octets[:, 0].copy()}
+    return colours | {"alpha": octets[:, 3].copy()} if alpha or octets[:, 3].any() else colours
+
+
+def packed(colours: NDArray[np.uint8], alpha: NDArray[Any] | None) -> NDArray[np.uint32]:
+    """Colours (N, 3) and alpha (N,) as one value a point."""
+    octets = np.zeros((len(colours), 4), np.uint8)
+    octets[:, :3] = colours[:, ::-1]
+    if alpha is not None:
+        octets[:, 3] = alpha
+    return octets.view("<u4")[:, 0]
+
+
+def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], list[NDArray[Any]], list[str]]:
+    """Every per-point value as PCD fields, in the order and types of the file they came from.
+
+    Returns
+    -------
+    fields : list of Field
+    columns : list of (N, count) arrays
+    notes : list of str
+        What a PCD cannot carry.
+
+    Raises
+    ------
+    FormatError
+        ``cannot_store`` when there are more fields than a reader takes.
+    """
+    attributes, notes = numeric_attributes(cloud, "PCD")
+    notes += [f"PCD holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
+    columns: dict[str, NDArray[Any]] = {name: cloud.points[:, axis] for axis, name in enumerate("xyz")}
+    if cloud.normals is not None:
+        columns |= {name: cloud.normals[:, axis] for axis, name in enumerate(flavour.normals)}
+    colours = eight_bit_colours(attributes)
+    if colours is not None and (flavour.packed or not flavour.fields):
+        alpha = attributes.get("alpha")
+        alpha = alpha if alpha is not None and alpha.dtype == np.uint8 and alpha.ndim == 1 else None
+        name = flavour.packed or ("rgb" if alpha is None else "rgba")
+        columns[name] = packed(colours, alpha)
+        taken = {*CHANNELS, *(() if alpha is None else ("alpha",))}
+        attributes = {key: column for key, column in attributes.items() if key not in taken}
+    for name, column in attributes.items():
+        columns[_fresh(name, columns)] = column
+    return *_ordered(columns, flavour, len(cloud)), notes
+
+
+def _ordered(
+    columns: dict[str, NDArray[Any]], flavour: PcdFlavour, count: int
+) -> tuple[list[Field], list[NDArray[Any]]]:
+    fields: list[Field] = []
+    arrays: list[NDArray[Any]] = []
+    declared = [Field(*field) for field in flavour.fields]
+    for field in declared:
+        if field.name == PADDING:
+            fields.append(field)
+            arrays.append(np.zeros((count, field.count), field.dtype))
+        elif field.name in columns:
+            stored = _table(columns.pop(field.name))
+            if field.name == flavour.packed:
+                stored = stored.view("<" + field.dtype)
+            known = stored.dtype.str[1:] == field.dtype and stored.shape[1] == field.count
+            fields.append(field if known else Field(field.name, stored.dtype.str[1:], stored.shape[1]))
+            arrays.append(stored)
+    for name, column in columns.items():
+        stored = _table(column)
+        fields.append(Field(name, stored.dtype.str[1:], stored.shape[1]))
+        arrays.append(stored)
+    values = sum(field.count for field in fields)
+    if len(fields) > MAX_FIELDS or values > MAX_VALUES:
+        raise FormatError(
+            f"The cloud has {len(fields)} fields of {values} values a point; a PCD may have {MAX_FIELDS} "
+            f"of {MAX_VALUES}.",
+            code="cannot_store",
+            hint="Write an NPZ instead.",
+        )
+    return fields, arrays
+
+
+def _table(column: NDArray[Any]) -> NDArray[Any]:
+    """A column as (N, count), little-endian, in a type PCD has."""
+    width = int(np.prod(column.shape[1:]))
+    kind = {"f2": "f4", "b1": "u1"}.get(column.dtype.str[1:], column.dtype.str[1:])
+    return np.ascontiguousarray(column.reshape(len(column), width), "<" + kind)
+
+
+def _fresh(name: str, taken: dict[str, NDArray[Any]]) -> str:
+    """A legal field name that is not taken."""
+    stem = re.sub(r"[^\x21-\x7e]", "_", name)[:56]
+    stem = stem if stem not in ("", PADDING) else "field"
+    names = (stem if count == 1 else f"{stem}_{count}" for count in range(1, len(taken) + 2))
+    return next(one for one in names if one not in taken)

@@ -1,0 +1,207 @@
+"""PLY: text and both binary forms, read with every size checked before memory is taken for it."""
+
+from __future__ import annotations
+
+from typing import Any, BinaryIO, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError, shown
+from ..flavours import PlyFlavour
+from ..limits import Limits, check_count, check_enough
+from ..point_cloud import PointCloud, checked
+from .columns import ply_columns
+from .header import BYTE_ORDERS, TYPES, Element, Header, header_bytes, note_lines, read_header
+from .lists import skip_lists
+from .text import TextBody, write_rows
+
+NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+"""Spellings of the three normal components, the first one found counts."""
+
+_NEW_NORMALS = (*NORMAL_NAMES, ("denoised_nx", "denoised_ny", "denoised_nz"))
+"""Names for normals the file did not have; the later ones where it has only some of the first."""
+
+Rows = NDArray[Any]
+"""One structured row a vertex."""
+
+_ROWS_PER_WRITE = 1 << 18
+
+
+def read_ply(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
+    """Read the vertices of a PLY.
+
+    Parameters
+    ----------
+    file : seekable binary file
+        Open at its first byte.
+    size : int
+        Bytes of the file.
+    limits : Limits
+        Bounds on points, and what to do with rows that are not finite.
+
+    Raises
+    ------
+    FormatError
+        With the code of what is wrong.
+    """
+    header = read_header(file)
+    check_count(header.vertex.count, limits)
+    check_enough(header.vertex.count, limits)
+    rows = _read_text(file, header, size) if header.encoding == "ascii" else _read_binary(file, header, size)
+    return checked(_cloud(header, rows), limits)
+
+
+def _read_text(file: BinaryIO, header: Header, size: int) -> Rows:
+    shortest = header.size - 1 + sum(2 * element.count * len(element.properties) for element in header.elements)
+    if shortest > size:
+        _truncated(header, f"at least {shortest}", shortest, size)
+    body = TextBody(file)
+    rows: Rows = np.empty(0, np.void)
+    for element in header.elements:
+        if element is header.vertex:
+            rows = body.read(element)
+        else:
+            body.skip(element)
+    if body.remaining():
+        declared = sum(element.count for element in header.elements)
+        raise FormatError(
+            f"The file goes on after the last of the {declared} rows its header declares.",
+            code="trailing_data",
+            hint="Correct the counts in the header, or remove what follows the last row.",
+        )
+    return rows
+
+
+def _read_binary(file: BinaryIO, header: Header, size: int) -> Rows:
+    least = header.size + sum(element.count * element.least_stride for element in header.elements)
+    exact = not any(element.has_list for element in header.elements)
+    if least > size:
+        _truncated(header, f"{'' if exact else 'at least '}{least}", least, size)
+    byte_order = BYTE_ORDERS[header.encoding]
+    position = header.size
+    rows: Rows = np.empty(0, np.void)
+    for element in header.elements:
+        file.seek(position)
+        if element.has_list:
+            position += skip_lists(file.read(), element, byte_order)
+        else:
+            position += element.count * element.least_stride
+        if position > size:
+            _truncated(header, f"at least {position}", position, size)
+        if element is header.vertex:
+            rows = _read_rows(file, element, byte_order)
+    if position != size:
+        raise FormatError(
+            f"The header declares a file of {position} bytes; the file has {size}.",
+            code="trailing_data",
+            hint="Correct the counts in the header, or remove what follows the last element.",
+            limit=position,
+            actual=size,
+        )
+    return rows
+
+
+def _read_rows(file: BinaryIO, element: Element, byte_order: str) -> Rows:
+    rows = np.fromfile(file, element.row_dtype(byte_order), element.count)
+    if len(rows) < element.count:
+        raise FormatError(
+            f"The file ended after {len(rows)} of {element.count} vertices while it was read.",
+            code="truncated",
+            hint="Another program may be writing it: wait until that has ended.",
+            limit=element.count,
+            actual=len(rows),
+        )
+    return rows
+
+
+def _truncated(header: Header, expected: str, limit: int, size: int) -> NoReturn:
+    raise FormatError(
+        f"The header declares {header.vertex.count} vertices and a file of {expected} bytes; the file has {size}.",
+        code="truncated",
+        hint="The file is cut off, or its header declares too much: copy or export it again.",
+        limit=limit,
+        actual=size,
+    )
+
+
+def _cloud(header: Header, rows: Rows) -> PointCloud:
+    """Columns into their roles."""
+    types = {prop.name: TYPES[prop.type] for prop in header.vertex.properties}
+    warnings = [
+        f"Element {shown(element.name)} ({element.count} rows) was left out: only points are kept."
+        for element in header.elements
+        if element is not header.vertex
+    ]
+    if any(types[name][0] != "f" for name in "xyz"):
+        warnings.append("The coordinates are stored as integers; the result stores them as float64.")
+    points = _stacked(rows, ("x", "y", "z"), types, np.dtype(np.float64))
+    found = [names for names in NORMAL_NAMES if all(name in types for name in names)]
+    partial = [name for names in NORMAL_NAMES for name in names if name in types]
+    normals = None
+    if found:
+        normals = _stacked(rows, found[0], types, points.dtype)
+        if any(types[name][0] != "f" for name in found[0]):
+            warnings.append(f"The normals are stored as integers; the result stores them as {points.dtype}.")
+    elif partial:
+        warnings.append(f"Normals need three components; {', '.join(partial)} stay what they are: other properties.")
+    taken = {"x", "y", "z", *(found[0] if found else ())}
+    return PointCloud(
+        points=points,
+        normals=normals,
+        attributes={
+            name: np.ascontiguousarray(rows[name], rows[name].dtype.newbyteorder("="))
+            for name in types
+            if name not in taken
+        },
+        comments=header.comments,
+        obj_info=header.obj_info,
+        metadata=header.metadata,
+        flavour=PlyFlavour(
+            header.encoding,
+            tuple((prop.name, prop.type) for prop in header.vertex.properties),
+            found[0] if found else next(names for names in _NEW_NORMALS if types.keys().isdisjoint(names)),
+        ),
+        warnings=warnings,
+    )
+
+
+def _stacked(rows: Rows, names: tuple[str, str, str], types: dict[str, str], if_integer: np.dtype[Any]) -> NDArray[Any]:
+    """Three columns as (N, 3), in the widest of their float types."""
+    kinds = [np.dtype(types[name]) for name in names]
+    dtype = np.result_type(*kinds) if all(kind.kind == "f" for kind in kinds) else if_integer
+    stacked = np.empty((len(rows), 3), dtype)
+    for axis, name in enumerate(names):
+        stacked[:, axis] = rows[name]
+    return stacked
+
+
+def write_ply(file: BinaryIO, cloud: PointCloud) -> list[str]:
+    """Write a cloud as it came, or as binary little-endian when it came as something else.
+
+    Returns
+    -------
+    list of str
+        What could not be carried over.
+
+    Raises
+    ------
+    FormatError
+        ``cannot_store``.
+    """
+    columns, notes = ply_columns(cloud)
+    encoding = cloud.flavour.encoding if isinstance(cloud.flavour, PlyFlavour) else "binary_little_endian"
+    recorded = [f"pcdnf {key}: {value}" for key, value in cloud.metadata.items()]
+    lines = [*note_lines("comment", [*cloud.comments, *recorded]), *note_lines("obj_info", cloud.obj_info)]
+    file.write(header_bytes(encoding, len(cloud), [(name, spelled) for name, spelled, _ in columns], lines))
+    arrays = [column.astype(TYPES[spelled], copy=False) for _, spelled, column in columns]
+    if encoding == "ascii":
+        write_rows(file, arrays)
+        return notes
+    dtype = np.dtype([(name, BYTE_ORDERS[encoding] + TYPES[spelled]) for name, spelled, _ in columns])
+    for start in range(0, len(cloud), _ROWS_PER_WRITE):
+        rows = np.empty(min(_ROWS_PER_WRITE, len(cloud) - start), dtype)
+        for (name, _, _), array in zip(columns, arrays, strict=True):
+            rows[name] = array[start : start + len(rows)]
+        file.write(rows.tobytes())
+    return notes

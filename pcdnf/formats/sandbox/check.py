@@ -1,0 +1,55 @@
+"""Read a file under resource limits and say what it is: ``python -m pcdnf.formats.sandbox.check PATH``.
+
+Prints one JSON object and ends with status 0, whatever the file holds::
+
+    {"ok": true, "format": "ply", "points": 100000, "has_normals": false, "dropped": 0, "warnings": []}
+    {"ok": false, "code": "truncated", "detail": "…", "hint": "…", "limit": 1200180, "actual": 1048576}
+
+A server calls it for each upload, so that no upload is parsed in the process that speaks HTTP.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from ..files import read
+from ..limits import Limits
+from .limits import add_restraints, guarded, restrain
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry of ``python -m pcdnf.formats.sandbox.check``."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pcdnf.formats.sandbox.check", description="Check a point-cloud file."
+    )
+    parser.add_argument("path")
+    parser.add_argument("--limits-json", default="{}", help="fields of pcdnf.formats.Limits")
+    parser.add_argument("--text", action="store_true", help="without known first bytes it is columns of text")
+    add_restraints(parser)
+    given = parser.parse_args(arguments)
+    try:
+        limits = Limits(**json.loads(given.limits_json))
+    except (TypeError, ValueError) as error:
+        parser.error(f"--limits-json: {error}")
+    restrain(given.memory_bytes, given.cpu_seconds)
+    print(json.dumps(guarded(lambda: describe(given.path, limits, text=given.text))))
+
+
+def describe(path: str, limits: Limits, *, text: bool) -> dict[str, Any]:
+    """What :func:`main` prints for a file that can be read."""
+    cloud = read(path, limits=limits, text=text)
+    return {
+        "ok": True,
+        "format": cloud.flavour.format,
+        "points": len(cloud),
+        "has_normals": cloud.normals is not None,
+        "dropped": len(cloud.dropped),
+        "warnings": cloud.warnings,
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,259 @@
+"""Text files of columns: XYZ, CSV and PTS; coordinates as float64, other columns as they are spelled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import chain
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..attributes import CHANNELS, eight_bit_colours, numbers
+from ..errors import FormatError, shown
+from ..flavours import TextFormat, XyzFlavour
+from ..limits import Limits, check_count, check_enough
+from ..ply.header import note_lines
+from ..point_cloud import PointCloud, checked
+from .layout import COLOUR_NAMES, MAX_COLUMNS, MAX_COMMENT_BYTES, MAX_ROW_BYTES, NORMAL_NAMES, Layout, read_layout
+from .rows import blocks
+
+_NEW_NORMALS = (*NORMAL_NAMES, ("denoised_nx", "denoised_ny", "denoised_nz"))
+_UNNAMED_NORMALS = "If columns 4 to 6 are normals, name them: begin the file with a line `# x y z nx ny nz`."
+_HEAD_BYTES = MAX_COMMENT_BYTES + 2 * MAX_ROW_BYTES
+_ROWS_PER_WRITE = 1 << 16
+_BLANKS = (b" ", b"\t", b"\v", b"\f")
+
+DEFAULTS = {
+    "xyz": XyzFlavour("xyz"),
+    "csv": XyzFlavour("csv", separator=",", header=True, comment=""),
+    "pts": XyzFlavour("pts", counted=True, comment=""),
+}
+"""How clouds of other formats are written."""
+
+
+def read_xyz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
+    """Read points from rows of text.
+
+    Parameters
+    ----------
+    file : seekable binary file
+        Open at its first byte.
+    size : int
+        Bytes of the file; the rows tell the number of points.
+    limits : Limits
+        Bounds on points, and what to do with rows that are not finite.
+
+    Raises
+    ------
+    FormatError
+        With the code of what is wrong.
+    """
+    layout = read_layout(file.read(_HEAD_BYTES))
+    if layout.count is not None:
+        check_count(layout.count, limits)
+        check_enough(layout.count, limits)
+        least = layout.size + 2 * layout.count * layout.width - 1
+        if least > size:
+            _wrong_count(layout.count, f"a file of at least {least} bytes; the file has {size}", least, size)
+    names = _attribute_names(layout)
+    numeric = _numeric_columns(layout)
+    parts: list[list[NDArray[Any]]] = [[] for _ in range(layout.width)]
+    count = 0
+    file.seek(layout.size)
+    for block in blocks(file, layout):
+        count += len(block)
+        check_count(count, limits)
+        for column, part in enumerate(parts):
+            part.append(block.numbers(column) if column in numeric else block.text(column))
+    if layout.count is not None and layout.count != count:
+        _wrong_count(layout.count, f"as many rows; there are {count}", layout.count, count)
+    check_enough(count, limits)
+    columns = {}
+    for name in names:
+        columns[name] = np.concatenate(parts.pop(0))
+    return checked(_cloud(layout, columns), limits)
+
+
+def _wrong_count(declared: int, what: str, limit: int, actual: int) -> None:
+    raise FormatError(
+        f"The first line declares {declared} points and {what}.",
+        code="truncated" if actual < limit else "trailing_data",
+        hint="Correct the count, or copy the file again.",
+        limit=limit,
+        actual=actual,
+    )
+
+
+def _attribute_names(layout: Layout) -> list[str]:
+    """One name a column: x, y, z first where the file names none."""
+    if layout.names:
+        return [name.lower() if name.lower() in "xyz" else name for name in layout.names]
+    names = [*"xyz", *(f"column_{number}" for number in range(4, layout.width + 1))]
+    if layout.count is not None and layout.width in (4, 7):
+        names[3] = "intensity"
+    return names
+
+
+def _numeric_columns(layout: Layout) -> list[int]:
+    lower = [name.lower() for name in layout.names] or [*"xyz"]
+    normals = next((names for names in NORMAL_NAMES if set(names) <= set(lower)), ())
+    return [lower.index(name) for name in (*"xyz", *normals)]
+
+
+def _cloud(layout: Layout, columns: dict[str, NDArray[Any]]) -> PointCloud:
+    """Columns into their roles."""
+    lower = {name.lower(): name for name in columns}
+    points = np.stack([columns[axis] for axis in "xyz"], axis=1)
+    found = next((names for names in NORMAL_NAMES if set(names) <= set(lower)), None)
+    spelled = tuple(lower[name] for name in found) if found else ()
+    normals = np.stack([columns[name] for name in spelled], axis=1) if found else None
+    renamed = _colours(layout, columns, lower)
+    attributes = {renamed.get(name, name): column for name, column in columns.items() if name not in (*"xyz", *spelled)}
+    named = [renamed.get(name, name) for name in columns]
+    warnings = []
+    if not layout.names and layout.width > 3:
+        warnings.append(f"The file names no columns; they were read as {', '.join(named)}.")
+        if layout.width == 6 and not renamed:
+            warnings.append(_UNNAMED_NORMALS)
+    unknown = next(names for names in _NEW_NORMALS if set(names).isdisjoint(lower))
+    return PointCloud(
+        points=points,
+        normals=normals,
+        attributes=attributes,
+        comments=layout.comments,
+        metadata=layout.metadata,
+        flavour=XyzFlavour(
+            _format(layout),
+            separator=layout.separator.decode(),
+            columns=tuple(zip(named, layout.names or named, strict=True)),
+            normals=(spelled[0], spelled[1], spelled[2]) if found else unknown,
+            header=layout.plain,
+            comment=_comment_mark(layout),
+            newline=layout.newline,
+            counted=layout.count is not None,
+        ),
+        warnings=warnings,
+    )
+
+
+def _format(layout: Layout) -> TextFormat:
+    if layout.count is not None:
+        return "pts"
+    return "csv" if layout.separator in b",;" else "xyz"
+
+
+def _comment_mark(layout: Layout) -> str:
+    """What begins the comments of a result; empty where the file shows none and a table has names or a count."""
+    if layout.marks:
+        return layout.marks[0]
+    return "" if layout.plain or layout.count is not None else "#"
+
+
+def _colours(layout: Layout, columns: dict[str, NDArray[Any]], lower: dict[str, str]) -> dict[str, str]:
+    """Turn columns of colours into uint8 in place; their new names."""
+    named = next((tuple(lower[one] for one in names) for names in COLOUR_NAMES if set(names) <= set(lower)), ())
+    if not layout.names:
+        is_rgb, is_pts = layout.width == 6, layout.count is not None and layout.width > 6
+        named = tuple(columns)[3:6] if is_rgb else tuple(columns)[4:7] if is_pts else ()
+    values = [numbers(columns[name]) for name in named]
+    fits = [one is not None and one.dtype.kind == "i" and one.min() >= 0 and one.max() <= 255 for one in values]
+    if not values or not all(fits):
+        return {}
+    for name, one in zip(named, values, strict=True):
+        assert one is not None
+        columns[name] = one.astype(np.uint8)
+    return dict(zip(named, CHANNELS, strict=True))
+
+
+def write_xyz(file: BinaryIO, cloud: PointCloud, format_: TextFormat | None = None) -> list[str]:
+    """Write a cloud as it came, or in the layout of ``format_`` when it came as something else.
+
+    Returns
+    -------
+    list of str
+        What could not be carried over.
+
+    Raises
+    ------
+    FormatError
+        ``cannot_store``.
+    """
+    flavour = cloud.flavour if isinstance(cloud.flavour, XyzFlavour) else None
+    if flavour is None or format_ not in (None, flavour.format):
+        own = flavour.normals if flavour else ("nx", "ny", "nz")
+        flavour = replace(DEFAULTS[format_ or "xyz"], normals=own)
+    columns, notes = _columns(cloud, flavour)
+    if len(columns) > MAX_COLUMNS:
+        raise FormatError(
+            f"The cloud has {len(columns)} values a point; a text file may have {MAX_COLUMNS} columns.",
+            code="cannot_store",
+            hint="Write an NPZ instead.",
+            limit=MAX_COLUMNS,
+            actual=len(columns),
+        )
+    spelled = dict(flavour.columns)
+    names = flavour.separator.join(spelled.get(name, name) for name in columns)
+    lines = [str(len(cloud))] if flavour.counted else []
+    recorded = [f"pcdnf {key}: {value}" for key, value in cloud.metadata.items()]
+    if flavour.comment:
+        texts = [*cloud.comments, *cloud.obj_info, *recorded, *([] if flavour.header else [names])]
+        lines += note_lines(flavour.comment, texts)
+    elif cloud.comments or cloud.obj_info or recorded:
+        notes.append(f"This {flavour.format.upper()} has no place for comments; how it was made is not in it.")
+    lines += [names] if flavour.header else []
+    file.write("".join(line + flavour.newline for line in lines).encode("utf-8", "surrogateescape"))
+    _write_rows(file, list(columns.values()), flavour)
+    return notes
+
+
+def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """One column a value, in the order of the file they came from; new ones follow."""
+    notes = [f"A text file holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
+    columns = {axis: cloud.points[:, index] for index, axis in enumerate("xyz")}
+    colours = eight_bit_colours(cloud.attributes)
+    if colours is not None:
+        columns |= dict(zip(CHANNELS, colours.T, strict=True))
+    if cloud.normals is not None:
+        columns |= {name: _shortest(cloud.normals[:, axis]) for axis, name in enumerate(flavour.normals)}
+    for name, values in cloud.attributes.items():
+        if colours is not None and name in CHANNELS:
+            continue
+        if values.dtype.kind == "S" and not _fits(values, flavour.separator):
+            notes.append(f"The column {shown(name)} has words that would be two in this file; it was left out.")
+            continue
+        table = values.reshape(len(values), -1) if values.ndim > 1 else values[:, None]
+        known = name if name in dict(flavour.columns) else _word(name, flavour)
+        for index, column in enumerate(table.T):
+            columns[known if table.shape[1] == 1 else f"{known}_{index}"] = column
+    order = [name for name, _ in flavour.columns if name in columns]
+    return {name: columns[name] for name in [*order, *(name for name in columns if name not in order)]}, notes
+
+
+def _word(name: str, flavour: XyzFlavour) -> str:
+    """A name without what separates names."""
+    return "_".join(name.replace(flavour.separator, " ").split()) or "column"
+
+
+def _shortest(column: NDArray[Any]) -> NDArray[Any]:
+    """A column as float32 where that loses nothing, for fewer digits."""
+    single = column.astype(np.float32)
+    return single if np.array_equal(single, column) else column
+
+
+def _fits(column: NDArray[Any], separator: str) -> bool:
+    """Whether words stay one value each beside this separator."""
+    if separator not in " \t":
+        return not bool((np.char.find(column, separator.encode()) >= 0).any())
+    blank = any(bool((np.char.find(column, mark) >= 0).any()) for mark in _BLANKS)
+    return not blank and bool((np.char.str_len(column) > 0).all())
+
+
+def _write_rows(file: BinaryIO, columns: list[NDArray[Any]], flavour: XyzFlavour) -> None:
+    """Rows with the digits that bring each value back exactly."""
+    formats = {"f4": b"%.9g", "f2": b"%.9g", "f8": b"%r"}
+    cells = [b"%s" if column.dtype.kind == "S" else formats.get(column.dtype.str[1:], b"%d") for column in columns]
+    line = flavour.separator.encode().join(cells) + flavour.newline.encode()
+    for start in range(0, len(columns[0]), _ROWS_PER_WRITE):
+        parts = [column[start : start + _ROWS_PER_WRITE].tolist() for column in columns]
+        file.write(line * len(parts[0]) % tuple(chain.from_iterable(zip(*parts, strict=True))))

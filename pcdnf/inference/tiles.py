@@ -1,0 +1,51 @@
+"""A cloud on its way through a denoiser: frame of reference in float64, spatial order, tiles and their results."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.patches import PatchSource
+from ..geometry.patches_cuda import DevicePatchSource
+from .unit_frame import Frame
+
+TILE = 16384
+"""Points a tile."""
+
+
+def tiles(count: int, size: int) -> list[tuple[int, int]]:
+    """Ranges (start, stop) of ``size`` that cover ``count``."""
+    return [(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+class Cloud:
+    """A cloud made ready for one iteration.
+
+    Attributes
+    ----------
+    points : ndarray, (N, 3) float64
+        As given.
+    normals : ndarray, (N, 3) float32
+        Raw normals.
+    frame : Frame
+    source : PatchSource or DevicePatchSource
+    order : ndarray, (N,) int64
+        Indices along a space-filling curve; a tile is a range of it.
+    """
+
+    def __init__(
+        self,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float32],
+        frame: Frame,
+        source: PatchSource | DevicePatchSource,
+        order: NDArray[np.int64],
+    ) -> None:
+        self.points, self.normals, self.frame, self.source, self.order = points, normals, frame, source, order
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def tiles(self, size: int = TILE) -> list[tuple[int, int]]:
+        """Ranges (start, stop) of ``order`` that cover the cloud."""
+        return tiles(len(self), size)

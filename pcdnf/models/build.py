@@ -1,0 +1,41 @@
+"""The two networks by kind: configuration, recipe and loss weights each is trained with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from torch import Tensor, nn
+
+from ..geometry.recipe import Recipe
+from .catalog import CheckpointError, ModelInfo
+from .config import NetworkConfig
+from .lite import LiteConfig, PCDNFLite
+from .pcdnf import PCDNF
+
+
+def trained_network(info: ModelInfo, state: Mapping[str, Tensor]) -> tuple[nn.Module, Recipe]:
+    """The network of a checkpoint with its weights, and how its patches are taken.
+
+    Raises
+    ------
+    CheckpointError
+        ``bad_checkpoint``: configuration, recipe or weights are not those of a network of this version.
+    """
+    try:
+        network = build_network(info.kind, info.config)
+        network.load_state_dict(dict(state))
+        return network, Recipe(**info.recipe)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise CheckpointError(
+            f"{info.path.name} does not describe a network of this version.",
+            code="bad_checkpoint",
+            hint="Update pcdnf, or convert the weights again with the version that is installed.",
+        ) from error
+
+
+def build_network(kind: str, config: Mapping[str, Any]) -> nn.Module:
+    """A network of ``kind`` with fresh weights, from the configuration in a checkpoint's metadata."""
+    if kind == "lite":
+        return PCDNFLite(LiteConfig(**config))
+    return PCDNF(NetworkConfig(**config))

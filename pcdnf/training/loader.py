@@ -1,0 +1,135 @@
+"""Training batches without end, from processes of their own, so that the training never waits for them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, IterableDataset, get_worker_info
+
+from ..denoiser import Denoiser
+from ..geometry.patches import PatchSource
+from ..geometry.recipe import Recipe
+from ..models.cpu.allocator import keep_freed_memory
+from .dataset import FirstPass, TrainingCloud, sample_batch
+from .losses import Batch
+
+CLOUDS_A_BATCH = 4
+EDGES = 0.25
+"""Share of the patches centred near sharp edges."""
+FIRST_CLOUDS = 4
+"""A process begins with these; its pool grows by one every ``GROW`` batches."""
+GROW = 6
+
+
+@dataclass(frozen=True)
+class Forerunner:
+    """The denoiser whose first pass prepares a share of the clouds.
+
+    Attributes
+    ----------
+    network : nn.Module
+        In shared memory, so that every process sees its present weights.
+    recipe : Recipe
+    ready : Tensor, (1,)
+        In shared memory; not zero once the network is worth using.
+    share : float
+        Of the clouds.
+    """
+
+    network: nn.Module
+    recipe: Recipe
+    ready: Tensor
+    share: float
+
+
+class TrainingBatches(IterableDataset[Batch]):
+    """Batches of patches from a pool of clouds, which are replaced by fresh ones one by one.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    seed : int
+    batch : int
+        Patches a batch.
+    pool : int
+        Clouds held at once, over all processes.
+    fresh_every : int
+        Batches after which a process replaces one of its clouds.
+    forerunner : Forerunner, optional
+    """
+
+    def __init__(
+        self, recipe: Recipe, *, seed: int, batch: int, pool: int, fresh_every: int, forerunner: Forerunner | None
+    ) -> None:
+        self._recipe, self._seed, self._batch = recipe, seed, batch
+        self._pool, self._fresh_every, self._forerunner = pool, fresh_every, forerunner
+
+    def __iter__(self) -> Iterator[Batch]:
+        worker = get_worker_info()
+        number, processes = (0, 1) if worker is None else (worker.id, worker.num_workers)
+        if worker is not None:
+            keep_freed_memory()
+            numba.set_num_threads(1)
+            torch.set_num_threads(1)
+        rng = np.random.default_rng((self._seed, number))
+        pool = max(FIRST_CLOUDS, self._pool // processes)
+        clouds = [self._cloud(rng) for _ in range(min(FIRST_CLOUDS, self._pool))]
+        made = 0
+        while True:
+            made += 1
+            if len(clouds) < pool and made % GROW == 0:
+                clouds.append(self._cloud(rng))
+            elif made % self._fresh_every == 0:
+                clouds[int(rng.integers(len(clouds)))] = self._cloud(rng)
+            yield sample_batch(clouds, rng, self._batch, CLOUDS_A_BATCH, EDGES)
+
+    def _cloud(self, rng: np.random.Generator) -> TrainingCloud:
+        ahead = self._forerunner
+        use = None
+        if ahead is not None and ahead.ready.item() and rng.random() < ahead.share:
+            use = first_pass(Denoiser(ahead.network, ahead.recipe))
+        while True:
+            cloud = TrainingCloud(rng, self._recipe, use)
+            if len(cloud.centres) >= 64:
+                return cloud
+
+
+def stream(batches: TrainingBatches, *, processes: int, pin: bool) -> Iterator[Batch]:
+    """The batches, made by so many processes; by this one where there are none.
+
+    ``pin`` puts them into memory that a GPU reads by itself.
+    """
+    if not processes:
+        return iter(batches)
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # theirs; this process has its threads already
+    context: Any = "spawn"  # a fork would inherit OpenMP's threads, which do not survive it
+    return iter(
+        DataLoader(batches, batch_size=None, num_workers=processes, multiprocessing_context=context, pin_memory=pin)
+    )
+
+
+def first_pass(denoiser: Denoiser) -> FirstPass:
+    """One iteration of a crop whose cloud has diagonal 1, as the second iteration will see it."""
+
+    def apply(
+        points: NDArray[np.float64],
+        normals: NDArray[np.float32],
+        recipe: Recipe,
+        rows: NDArray[np.int64],
+        seed: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        own = replace(denoiser.recipe, radius=recipe.radius, fewest=recipe.fewest)
+        source = PatchSource(points, normals, own, diagonal=1.0, seed=seed, workers=1)
+        tile = denoiser.inference.denoise(points, normals, source, rows)
+        return tile.points, tile.normals
+
+    return apply

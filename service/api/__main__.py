@@ -1,0 +1,5 @@
+"""``python -m service.api``: the API process."""
+
+from .server import main
+
+main()

@@ -1,0 +1,100 @@
+"""The HTTP application: routes and what they need, nothing that computes. See ``docs/api.md``."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+
+import pcdnf
+
+from ..database.engine import create_engine
+from ..database.migrations import migrate
+from ..jobs.retention import Retention, keep_clear
+from ..jobs.store import Jobs
+from ..jobs.worker_registry import Workers
+from ..settings import Settings
+from ..storage.open import open_storage
+from . import error_handlers
+from .auth import Keys
+from .intake.idempotency import Claims
+from .intake.inspection import Inspector
+from .metrics import ApiMetrics, Deployment
+from .middleware.access_log import Observer
+from .middleware.guard import Guard
+from .middleware.same_origin import Origins
+from .openapi import (
+    errors,
+)
+from .rate_limit import Rates
+from .results.conversion import Converter
+from .routes import jobs, models, pages, probes
+from .sandbox import Children
+from .shutdown import Stop
+from .watch import Watch
+
+STORAGE_SECONDS = 15.0  # that a caller waits for a storage that does not answer
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Return the application; ``uvicorn --factory service.api.app:create_app``.
+
+    Raises
+    ------
+    SettingsError
+        If the service would be open to the network without a key, or the file of keys cannot be read.
+    """
+    settings = settings or Settings()
+    settings.check_exposure()
+    app = FastAPI(
+        title="PCDNF point-cloud denoising",
+        version=pcdnf.__version__,
+        summary="Upload a point cloud, get it back with less noise and with normals.",
+        lifespan=_lifespan,
+        docs_url=None,  # see pages
+        redoc_url=None,
+        responses=errors(),
+    )
+    app.state.settings = settings
+    app.state.keys = Keys.of(settings)
+    app.state.rates = Rates(settings.caller_requests_per_minute)
+    app.add_middleware(Origins, settings=settings)
+    app.state.stop = Stop()
+    app.state.metrics = ApiMetrics()
+    app.add_middleware(Guard, max_requests=settings.max_requests, stop=app.state.stop)
+    app.add_middleware(Observer, metrics=app.state.metrics)
+    error_handlers.install(app)
+    probes.install(app)
+    app.include_router(models.router)
+    app.include_router(jobs.router)
+    pages.install(app)
+    return app
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    settings: Settings = app.state.settings
+    await run_in_threadpool(migrate, settings)
+    engine = create_engine(settings)
+    storage = await run_in_threadpool(partial(open_storage, settings, patience=STORAGE_SECONDS))
+    app.state.engine, app.state.storage = engine, storage
+    app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
+    app.state.retention = Retention(engine, storage, app.state.jobs, settings)
+    app.state.claims = Claims(engine)
+    app.state.watch = Watch(app.state.jobs, settings.max_streams)
+    app.state.workers = Workers(engine)
+    children = Children(settings)
+    app.state.inspector = Inspector(children, settings)
+    app.state.converter = Converter(children, app.state.jobs, storage, app.state.retention)
+    app.state.metrics.registry.register(Deployment(engine, storage, settings))
+    clearing = asyncio.create_task(keep_clear(storage))
+    try:
+        yield
+    finally:
+        clearing.cancel()
+        app.state.jobs.close()
+        engine.dispose()

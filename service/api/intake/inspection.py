@@ -1,0 +1,79 @@
+"""The check of an upload, in a child process under limits of memory and time; nothing is parsed here."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...problems import CATALOGUE, Problem
+from ...settings import Settings
+from ..sandbox import Children
+from .parameters import Parameters
+
+MINIMUM_POINTS = 16  # what the denoiser needs; a test compares the two
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What the check found."""
+
+    format: str
+    points: int
+    has_normals: bool
+    warnings: list[str]
+
+
+class Inspector:
+    """Runs checks.
+
+    Parameters
+    ----------
+    children : Children
+    settings : Settings
+    """
+
+    def __init__(self, children: Children, settings: Settings) -> None:
+        self._children = children
+        self._settings = settings
+
+    async def inspect(self, path: Path, parameters: Parameters, *, text: bool) -> Inspection:
+        """Check the file at `path`; with `text` it may be columns of text where its first bytes say nothing.
+
+        Raises
+        ------
+        Problem
+            413, 415 or 422 with the code of what is wrong with the file.
+        """
+        limits = {
+            "max_points": self._settings.max_points,
+            "max_bytes": self._settings.max_inflated_bytes,
+            "minimum_points": MINIMUM_POINTS,
+            "nonfinite": parameters.nonfinite,
+        }
+        options = ["--limits-json", json.dumps(limits), *(["--text"] if text else [])]
+        answer = await self._children.ask("pcdnf.formats.sandbox.check", str(path), *options)
+        if not answer["ok"]:
+            raise file_problem(answer)
+        found = Inspection(answer["format"], answer["points"], answer["has_normals"], answer["warnings"])
+        if parameters.normals == "input" and not found.has_normals:
+            raise Problem(
+                "normals_missing", "The file has no normals, but normals=input was asked for.",
+                hint="Leave `normals` out to have them estimated.",
+            )  # fmt: skip
+        return found
+
+
+def file_problem(answer: dict[str, Any]) -> Problem:
+    """Return the problem for a refusal of the checker: 413 or 415 where the catalogue says so, else 422."""
+    code = answer["code"]
+    return Problem(
+        code,
+        answer["detail"],
+        hint=answer["hint"],
+        status=None if code in CATALOGUE else 422,
+        title=None if code in CATALOGUE else "The file is not a usable point cloud",
+        limit=answer.get("limit"),
+        actual=answer.get("actual"),
+    )

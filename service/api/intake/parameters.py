@@ -1,0 +1,133 @@
+"""The parameters of a job: from the query, the form or both, and nothing that is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, Literal
+
+from fastapi import Request
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
+
+from pcdnf.inference.options import ChoiceError, check_fast, check_iterations, check_radius
+
+from ...problems import Problem, from_validation
+from ...settings import Settings
+from .. import schemas
+
+SEED_LIMIT = 2**32
+
+
+def _iterations(value: int | str) -> int | str:
+    with _as_value_error():
+        return check_iterations(value) or "auto"
+
+
+def _radius(value: str) -> str:
+    with _as_value_error():
+        check_radius(value)
+    return value
+
+
+@contextmanager
+def _as_value_error() -> Iterator[None]:
+    """Let pydantic report what the package says."""
+    try:
+        yield
+    except ChoiceError as error:
+        raise PydanticCustomError("choice", "{reason}", {"reason": str(error)}) from error
+
+
+class Parameters(BaseModel):
+    """What a job is run with."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    iterations: Annotated[int | Literal["auto"], BeforeValidator(_iterations)] = Field(
+        "auto",
+        description="Passes over the cloud, each from the result of the last: `auto` by its noise, or a number",
+        examples=["auto", 2],
+    )
+    radius: Annotated[str, AfterValidator(_radius)] = Field(
+        "auto",
+        description="Size of the neighbourhoods: `auto` by noise and spacing, a length in the cloud's unit, or a share "
+        "of its diagonal such as `4%`",
+        examples=["auto", "4%", "0.05"],
+    )
+    fast: bool = Field(
+        False, description="Whether half as many neighbours a point will do: about 1.4 times as fast, a little rougher"
+    )
+    model: str = Field("", description="Name of a model of `GET /models`; empty for the default")
+    seed: int = Field(0, ge=0, lt=SEED_LIMIT, description="Seed of every random choice")
+    normals: Literal["auto", "pca", "input"] = Field(
+        "auto",
+        description="Where the first normals come from: estimated at a scale that suits the noise, from 24 "
+        "neighbours, or those of the file. The file's normals, where it has any, decide the side in every case",
+    )
+    orient: bool = Field(False, description="Whether the result's normals are turned to one side of the surface")
+    outliers: Literal["keep", "drop"] = Field(
+        "keep", description="What to do about points far from all others: the result says which rows went"
+    )
+    nonfinite: Literal["reject", "drop"] = Field(
+        "reject", description="What to do about points that are NaN or infinite"
+    )
+
+
+def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Parameters:
+    """Return the parameters in force, defaults filled in.
+
+    Raises
+    ------
+    Problem
+        422, naming every parameter that is unknown, given twice or out of range.
+    """
+    values: dict[str, str] = {}
+    twice = []
+    for name, value in given:
+        if name in values:
+            twice.append({"loc": (name,), "msg": "given more than once"})
+        values[name] = value
+    if twice:
+        raise from_validation(twice)
+    try:
+        parameters = Parameters.model_validate(values)
+    except ValidationError as error:
+        raise from_validation(_in_words(error)) from error
+    iterations = parameters.iterations
+    if iterations != "auto" and iterations > settings.max_iterations:
+        raise Problem(
+            "invalid_parameters",
+            f"iterations: {iterations} passes were asked for, this service allows {settings.max_iterations}.",
+            limit=settings.max_iterations,
+            actual=iterations,
+        )
+    name = parameters.model or settings.default_model
+    if name not in schemas.shipped():
+        raise Problem(
+            "invalid_parameters",
+            "model: there is no such model.",
+            hint=f"Use one of {', '.join(sorted(schemas.shipped()))}.",
+        )
+    try:
+        check_fast(parameters.fast, schemas.shipped()[name].kind)
+    except ChoiceError as error:
+        raise Problem("invalid_parameters", f"fast: {error}", hint=error.hint) from error
+    return parameters.model_copy(update={"model": name})
+
+
+def _in_words(error: ValidationError) -> list[dict[str, Any]]:
+    words = {"extra_forbidden": "there is no such parameter"}
+    return [{"loc": e["loc"], "msg": words.get(e["type"], e["msg"])} for e in error.errors()]
+
+
+def only_query(*known: str) -> Any:
+    """Return a dependency that refuses every query parameter but `known`."""
+
+    def check(request: Request) -> None:
+        unknown = [{"loc": (name,), "msg": "there is no such parameter"} for name in request.query_params
+                   if name not in known]  # fmt: skip
+        if unknown:
+            raise from_validation(unknown)
+
+    return check

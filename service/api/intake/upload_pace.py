@@ -1,0 +1,47 @@
+"""How fast an upload has to come: within a deadline, and on average above a rate."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+
+from fastapi import Request
+
+from ...problems import Problem
+from ...settings import Settings
+
+RATE_GRACE_SECONDS = 10.0
+
+
+async def chunks(request: Request, settings: Settings) -> AsyncIterator[bytes]:
+    """Yield the body's chunks while they come fast enough.
+
+    Raises
+    ------
+    Problem
+        408 once they do not.
+    """
+    start = time.monotonic()
+    received = 0
+    stream = request.stream()
+    while True:
+        elapsed = time.monotonic() - start
+        allowed = settings.upload_deadline - elapsed
+        if settings.upload_min_rate:
+            allowed = min(allowed, RATE_GRACE_SECONDS + received / settings.upload_min_rate - elapsed)
+        try:
+            async with asyncio.timeout(max(allowed, 0)):
+                chunk = await anext(stream)
+        except StopAsyncIteration:
+            return
+        except TimeoutError as error:
+            raise Problem(
+                "upload_too_slow",
+                f"The upload did not arrive within {settings.upload_deadline:g} seconds, or came slower than "
+                f"{settings.upload_min_rate} bytes per second.",
+                hint="Send it again over a faster connection.",
+                headers={"Connection": "close"},
+            ) from error
+        received += len(chunk)
+        yield chunk

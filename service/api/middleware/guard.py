@@ -1,0 +1,89 @@
+"""Around every request: how many at a time, and the headers every response carries."""
+
+from __future__ import annotations
+
+import logging
+
+from fastapi import Request
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ...problems import Problem, unexpected
+from ..error_handlers import respond
+from ..shutdown import Stop
+
+POLICY = "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
+"""The ``Content-Security-Policy`` of every response."""
+
+log = logging.getLogger(__name__)
+
+ALWAYS = (
+    "/livez",
+    "/readyz",
+    "/v2/health/live",
+    "/v2/health/ready",
+    "/metrics",
+)  # answered however busy the service is
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Referrer-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+}
+"""On every response, unless the route set its own."""
+
+
+class Guard:
+    """Answers 503 beyond `max_requests` at a time, and tells browsers what they may not do.
+
+    Parameters
+    ----------
+    app : ASGI application
+    max_requests : int
+    stop : Stop
+        Told how many requests are in hand.
+    """
+
+    def __init__(self, app: ASGIApp, max_requests: int, stop: Stop) -> None:
+        self._app = app
+        self._stop = stop
+        self._max = max_requests
+        self._running = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        begun = False
+
+        async def guarded(message: Message) -> None:
+            nonlocal begun
+            if message["type"] == "http.response.start":
+                begun = True
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        if self._running >= self._max and scope["path"] not in ALWAYS:
+            problem = Problem(
+                "too_busy",
+                f"The service is already answering {self._running} requests.",
+                headers={"Retry-After": "2"},
+                limit=self._max,
+            )
+            await respond(problem, Request(scope))(scope, receive, guarded)
+            return
+        counts = not self._stop.begun
+        self._running += 1
+        self._stop.in_hand += counts
+        try:
+            await self._app(scope, receive, guarded)
+        except Exception:
+            log.exception("the request met an error of the service")
+            if begun:
+                raise  # the server breaks the answer off, so that nobody takes it for whole
+            await respond(unexpected(), Request(scope))(scope, receive, guarded)
+        finally:
+            self._running -= 1
+            self._stop.in_hand -= counts

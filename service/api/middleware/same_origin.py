@@ -1,0 +1,75 @@
+"""Which web pages may call: those of this service itself.
+
+Any page in the user's browser can send a form to a service on the user's own machine, and needs no answer to do harm.
+Browsers tell with ``Sec-Fetch-Site`` or ``Origin`` who sends; other programs send neither. A page whose name was made
+to point at this machine after it was loaded (DNS rebinding) counts as the service's own for the browser, so a service
+that asks for no key on a loopback address answers under the names of such addresses only.
+"""
+
+from __future__ import annotations
+
+from urllib.parse import urlsplit
+
+from fastapi import Request
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from ...problems import Problem
+from ...settings import Settings, is_loopback
+from ..error_handlers import respond
+
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+
+
+class Origins:
+    """Answers 403 to other sites' pages.
+
+    Parameters
+    ----------
+    app : ASGI application
+    settings : Settings
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app = app
+        self._own_names_only = not (settings.api_key or settings.api_keys_file or settings.allow_anonymous)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            headers = Headers(scope=scope)
+            problem = None
+            if self._own_names_only and not _loopback_name(headers.get("host", "")):
+                problem = Problem(
+                    "cross_site",
+                    "Without a key this service answers only under the name of a loopback address.",
+                    hint="Ask http://127.0.0.1 or http://localhost. Behind a proxy set a key, or "
+                    "PCDNF_ALLOW_ANONYMOUS=true if the proxy authenticates callers.",
+                )
+            elif scope["method"] not in SAFE_METHODS and not _own_page(headers):
+                problem = Problem(
+                    "cross_site",
+                    "The request was sent by a web page of another site.",
+                    hint="Use the page of this service, or a program that is no browser.",
+                )
+            if problem is not None:
+                await respond(problem, Request(scope))(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+
+def _own_page(headers: Headers) -> bool:
+    """Return whether a request comes from a page of this service, or from no page at all."""
+    site = headers.get("sec-fetch-site")
+    if site is not None:
+        return site in ("same-origin", "none")
+    origin = headers.get("origin")
+    return origin is None or urlsplit(origin).netloc == headers.get("host", "")
+
+
+def _loopback_name(host: str) -> bool:
+    """Return whether a Host header names an address of this machine alone."""
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    return is_loopback(name) or name.endswith(".localhost")

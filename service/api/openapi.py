@@ -1,0 +1,153 @@
+"""What FastAPI cannot find out by itself for the OpenAPI document."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from typing import Any
+
+from ..problems import Problem
+from .error_handlers import MEDIA_TYPE, ProblemDetail
+from .intake.idempotency import HEADER, LONGEST_KEY
+from .intake.parameters import Parameters
+from .intake.upload import RAW_TYPES
+from .results.download import MEDIA_TYPES
+from .schemas import JobView
+
+Responses = dict[int | str, dict[str, Any]]
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+
+
+# The codes of problems: of every route, of those that ask for a key, that name a job, that give out its files.
+EVERYWHERE = (
+    "headers_too_slow",
+    "headers_too_large",
+    "cross_site",
+    "internal_error",
+    "too_busy",
+    "database_unavailable",
+)
+CALLER = ("not_authenticated", "too_many_requests")
+JOB = (*CALLER, "invalid_parameters", "job_not_found", "job_expired")
+FILES = (*JOB, "job_not_finished", "job_failed", "job_cancelled", "storage_unavailable")
+
+
+def errors(*codes: str) -> Responses:
+    """Return the OpenAPI responses of these problems and of those of every route, all of one shape, with examples."""
+    schema = ProblemDetail.model_json_schema()
+    found: Responses = {}
+    for code in (*EVERYWHERE, *codes):
+        problem = Problem(code, "What happened, in a sentence.")
+        media: dict[str, Any] = {"schema": schema, "examples": {}}
+        response = {"description": HTTPStatus(problem.status).phrase, "content": {MEDIA_TYPE: media}}
+        examples = found.setdefault(problem.status, response)["content"][MEDIA_TYPE]["examples"]
+        examples[code] = {"summary": problem.title, "value": problem.body("/path/of/the/request")}
+    return found
+
+
+def _fields() -> dict[str, Any]:
+    properties: dict[str, Any] = Parameters.model_json_schema()["properties"]
+    return properties
+
+
+DENOISE_PARAMETERS = [
+    {"name": name, "in": "query", "required": False, "description": schema["description"], "schema": schema}
+    for name, schema in _fields().items()
+] + [
+    {
+        "name": HEADER,
+        "in": "header",
+        "required": False,
+        "description": "A value of the caller's choice, such as a UUID: the same request sent again with it is "
+        "answered with the same job",
+        "schema": {"type": "string", "minLength": 1, "maxLength": LONGEST_KEY},
+    },
+    {
+        "name": "Prefer",
+        "in": "header",
+        "required": False,
+        "description": "`wait=N`: answer with the finished job if it takes no more than N seconds (RFC 7240)",
+        "schema": {"type": "string"},
+        "example": "wait=10",
+    },
+]
+DENOISE_BODY = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["file"],
+                "properties": {"file": {"type": "string", "format": "binary"}} | _fields(),
+            }
+        },
+    }
+    | dict.fromkeys(RAW_TYPES, _BINARY),
+}
+_LOCATION = {"Location": {"description": "Where the job is", "schema": {"type": "string"}}}
+_APPLIED = {"Preference-Applied": {"description": "The seconds in force of `wait`", "schema": {"type": "string"}}}
+DENOISED: Responses = errors(
+    *CALLER,
+    "bad_request",
+    "upload_too_slow",
+    "idempotency_key_in_use",
+    "job_expired",
+    "upload_too_large",
+    "file_too_large",
+    "too_many_points",
+    "too_much_work",
+    "unsupported_media_type",
+    "unsupported_encoding",
+    "unknown_format",
+    "missing_extra",
+    "invalid_parameters",
+    "invalid_upload",
+    "idempotency_key_reused",
+    "empty_upload",
+    "normals_missing",
+    "not_enough_memory",
+    "took_too_long",
+    "quota_exceeded",
+    "queue_full",
+    "disk_full",
+    "draining",
+    "stopping",
+    "storage_unavailable",
+) | {
+    200: {"model": JobView, "description": "The job finished while the caller waited", "headers": _LOCATION | _APPLIED},
+    202: {"model": JobView, "description": "The job is queued", "headers": _LOCATION | _APPLIED},
+}
+NOT_MODIFIED: Responses = {304: {"description": "Not changed since the ETag in If-None-Match"}}
+_CONVERTED = ("not_enough_memory", "took_too_long", "disk_full")
+RESULT_RESPONSES: Responses = (
+    NOT_MODIFIED
+    | errors(*FILES, "not_acceptable", "range_not_satisfiable", *_CONVERTED)
+    | {
+        200: {"description": "The cloud", "content": dict.fromkeys(MEDIA_TYPES.values(), _BINARY)},
+        206: {"description": "One range of it"},
+    }
+)
+EVENTS: Responses = {
+    200: {
+        "description": "Events named `job`, whose data is the job as GET /jobs/{id} shows it, in JSON",
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    },
+    204: {"description": "The job has finished, and the event with this Last-Event-ID told so"},
+}
+METRICS: Responses = {
+    200: {
+        "description": "For Prometheus, in its text format",
+        "content": {"text/plain": {"schema": {"type": "string"}}},
+    },
+}
+DISPLAY_RESPONSES: Responses = (
+    NOT_MODIFIED
+    | errors(*FILES, "display_not_found")
+    | {
+        200: {"description": "Binary glTF", "content": {"model/gltf-binary": _BINARY}},
+    }
+)
+DELETED: Responses = {
+    202: {"model": JobView, "description": "The worker was asked to stop"},
+    204: {"description": "The finished job was removed"},
+}

@@ -1,0 +1,217 @@
+"""Routes of jobs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi.responses import JSONResponse, StreamingResponse
+from starlette.concurrency import run_in_threadpool
+
+from pcdnf.file_formats import FORMATS
+
+from ... import problems
+from ...jobs.job import FINISHED, Job
+from ...problems import Problem
+from .. import sse as events
+from ..auth import caller
+from ..intake.parameters import only_query
+from ..intake.submission import accept
+from ..openapi import (
+    CALLER,
+    DELETED,
+    DENOISE_BODY,
+    DENOISE_PARAMETERS,
+    DENOISED,
+    DISPLAY_RESPONSES,
+    EVENTS,
+    JOB,
+    NOT_MODIFIED,
+    RESULT_RESPONSES,
+    errors,
+)
+from ..results import download as results
+from ..schemas import JobView, job_view, retry_after
+from ..state import State, StateIn
+from ..watch import Follower, preferred_wait
+
+PAGE = 100  # most jobs of one answer
+
+
+def _job(job_id: str, state: StateIn, owner: Annotated[str, Depends(caller)]) -> Job:
+    job = state.jobs.status(job_id, owner)
+    if job is None:
+        raise Problem("job_not_found", "There is no such job.", hint="Jobs are forgotten some time after they expire.")
+    if state.jobs.expired(job):
+        raise problems.job_expired()
+    return job
+
+
+CallerIn = Annotated[str, Depends(caller)]
+
+
+JobIn = Annotated[Job, Depends(_job)]
+
+
+async def _follower(state: StateIn, job: JobIn) -> AsyncIterator[Follower]:
+    outlook = await run_in_threadpool(state.jobs.outlook, job)
+    with state.watch.following(job, outlook) as follower:
+        yield follower  # until the response has been sent
+
+
+FollowerIn = Annotated[Follower, Depends(_follower)]
+
+
+router = APIRouter(tags=["jobs"])
+
+
+@router.post(
+    "/denoise",
+    status_code=202,
+    response_model=JobView,
+    responses=DENOISED,
+    openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
+)
+async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
+    """Take a cloud and queue it; parameters stand in the query or in the form."""
+    job = await accept(request, state, owner)
+    seconds = preferred_wait(request, state.settings.max_wait_seconds)
+    waits = seconds is not None and not state.watch.full
+    if waits:
+        job = await state.watch.finished(job, float(seconds or 0))
+    response = await run_in_threadpool(_shown, request, state, job, 202 if job.live or not waits else 200)
+    response.headers["Location"] = f"/jobs/{job.id}"
+    if waits:
+        response.headers["Preference-Applied"] = f"wait={seconds}"
+    return response
+
+
+@router.get(
+    "/jobs",
+    dependencies=[Depends(only_query("limit", "before"))],
+    responses=errors(*CALLER, "invalid_parameters"),
+)
+def jobs(
+    state: StateIn,
+    owner: CallerIn,
+    limit: Annotated[int, Query(ge=1, le=PAGE, description="Most jobs returned")] = 20,
+    before: Annotated[str | None, Query(description="Only jobs older than this one")] = None,
+) -> list[JobView]:
+    """Return the caller's own jobs, newest first."""
+    last = None if before is None else state.jobs.status(before, owner)
+    if before is not None and last is None:
+        raise Problem("invalid_parameters", "before: there is no such job.")
+    return [job_view(job, state.jobs.outlook(job)) for job in state.jobs.page(owner, limit=limit, before=last)]
+
+
+@router.get(
+    "/jobs/{job_id}",
+    response_model=JobView,
+    dependencies=[Depends(only_query())],
+    responses=NOT_MODIFIED | errors(*JOB),
+)
+def status(request: Request, state: StateIn, job: JobIn) -> Response:
+    """Return the state of a job."""
+    return _shown(request, state, job, 200)
+
+
+@router.get(
+    "/jobs/{job_id}/events",
+    response_class=StreamingResponse,
+    dependencies=[Depends(only_query())],
+    responses=EVENTS | errors(*JOB),
+)
+async def follow(
+    follower: FollowerIn,
+    last_event_id: Annotated[str | None, Header(description="`id` of the last event that arrived")] = None,
+) -> Response:
+    """Follow a job: server-sent events named `job`, each with the whole job, until it has finished."""
+    if not follower.job.live and last_event_id == events.event_id(follower.job, follower.outlook):
+        return Response(status_code=204)  # the browser's EventSource stops coming back
+    return events.respond(follower, last_event_id)
+
+
+@router.delete(
+    "/jobs/{job_id}",
+    response_model=JobView,
+    dependencies=[Depends(only_query())],
+    responses=DELETED | errors(*JOB, "storage_unavailable"),
+)
+def delete(request: Request, state: StateIn, job: JobIn) -> Response:
+    """Cancel a live job, or remove a finished one; upload and result are removed either way."""
+    if job.status in FINISHED:
+        state.jobs.remove(job)
+        return Response(status_code=204)
+    now = state.jobs.cancel(job)
+    if now is None:
+        return Response(status_code=204)
+    if now.status in ("succeeded", "failed"):  # it ended before it could be cancelled
+        state.jobs.remove(now)
+        return Response(status_code=204)
+    return _shown(request, state, now, 202 if now.live else 200)
+
+
+@router.head("/jobs/{job_id}/result", include_in_schema=False, dependencies=[Depends(only_query("format"))])
+@router.get(
+    "/jobs/{job_id}/result",
+    response_class=Response,
+    dependencies=[Depends(only_query("format"))],
+    responses=RESULT_RESPONSES,
+)
+async def result(
+    request: Request,
+    state: StateIn,
+    job: JobIn,
+    format_: Annotated[
+        str | None,
+        Query(alias="format", pattern=f"^({'|'.join(FORMATS)})$", description="In place of `Accept`"),
+    ] = None,
+) -> Response:
+    """Return the denoised cloud, as the format that came in or as the one asked for."""
+    if job.status != "succeeded":
+        raise await run_in_threadpool(_no_result, state, job)
+    name = results.wanted(request, job, format_)
+    if name not in (job.results or {}):
+        job = await state.converter.with_format(job, name)
+    return await run_in_threadpool(results.respond, request, job, state.storage, name)
+
+
+@router.get(
+    "/jobs/{job_id}/display",
+    response_class=Response,
+    dependencies=[Depends(only_query())],
+    responses=DISPLAY_RESPONSES,
+)
+def display(request: Request, state: StateIn, job: JobIn) -> Response:
+    """Return what the page at `/` draws: at most a million points before and after, as binary glTF."""
+    if job.status == "succeeded":
+        return results.respond_display(request, job, state.storage)
+    raise _no_result(state, job)
+
+
+def _no_result(state: State, job: Job) -> Problem:
+    if job.live and job.status != "cancelling":
+        wait = {"Retry-After": retry_after(state.jobs.outlook(job))}
+        return Problem("job_not_finished", f"The job is {job.status}.", hint="Ask again later.", headers=wait)
+    if job.status == "failed":
+        cause = job.problem or {}
+        detail = f"The job failed and has no result. {cause.get('detail', '')}"
+        return Problem("job_failed", detail.strip(), hint=cause.get("hint"), cause=cause.get("code"))
+    return Problem("job_cancelled", "The job was cancelled and has no result.", hint="Submit the file again.")
+
+
+def _shown(request: Request, state: State, job: Job, status: int) -> Response:
+    outlook = state.jobs.outlook(job)
+    response = JSONResponse(job_view(job, outlook).model_dump(mode="json"), status_code=status)
+    if job.live:
+        response.headers["Retry-After"] = "1" if job.status == "cancelling" else retry_after(outlook)
+    if status == 200 and request.method == "GET":
+        etag = f'"{hashlib.sha256(response.body).hexdigest()[:32]}"'
+        if results.matches(request.headers.get("if-none-match"), etag):
+            kept = {name: response.headers[name] for name in ("retry-after",) if name in response.headers}
+            return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "private, no-cache"} | kept)
+        response.headers["ETag"] = etag
+    response.headers["Cache-Control"] = "private, no-cache"
+    return response

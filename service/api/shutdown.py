@@ -1,0 +1,41 @@
+"""The end of an API process: what is in hand is finished, what comes meanwhile is told so, then it goes."""
+
+from __future__ import annotations
+
+from ..problems import Problem
+
+RETRY_SECONDS = 10
+
+
+class Stop:
+    """Whether this process stops, and how many requests from before that are still in hand.
+
+    Attributes
+    ----------
+    begun : bool
+    in_hand : int
+    """
+
+    def __init__(self) -> None:
+        self.begun = False
+        self.in_hand = 0
+
+    def begin(self) -> None:
+        """Take no new work from here on."""
+        self.begun = True
+
+    def check_open(self) -> None:
+        """Refuse a new job once this process stops.
+
+        Raises
+        ------
+        Problem
+            503 ``stopping``.
+        """
+        if self.begun:
+            raise Problem(
+                "stopping",
+                "The service is stopping and takes no new jobs; those it has go on when it starts again.",
+                hint="Send the file again after the seconds in Retry-After.",
+                headers={"Retry-After": str(RETRY_SECONDS)},
+            )

@@ -1,0 +1,50 @@
+"""A job as a stream of server-sent events (WHATWG HTML, 9.2).
+
+Every event is the whole job as it is at that moment, so one that was missed is made up for by the next. Its id names
+what was seen; a caller that comes back with it in ``Last-Event-ID`` is sent the job only if it has changed since.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+
+from fastapi.responses import StreamingResponse
+from fastapi.sse import format_sse_event
+
+from ..jobs.eta import Outlook
+from ..jobs.job import Job
+from .schemas import job_view
+from .watch import Follower
+
+HEARTBEAT_SECONDS = 15.0
+RECONNECT_MS = 2000
+HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # a proxy that collects events makes them late
+
+
+def event_id(job: Job, outlook: Outlook) -> str:
+    """Return what tells this state of a job from its others."""
+    planned = "-planned" if "plan" in (job.execution or {}) else ""  # with it the corrected total
+    return f"{job.status}-{job.done if outlook.queue_position is None else outlook.queue_position}{planned}"
+
+
+def respond(follower: Follower, last_id: str | None) -> StreamingResponse:
+    """Return the stream of a job, from the state behind `last_id` to its end."""
+    return StreamingResponse(_stream(follower, last_id), media_type="text/event-stream", headers=HEADERS)
+
+
+async def _stream(follower: Follower, last_id: str | None) -> AsyncIterator[bytes]:
+    sent, told = last_id, time.monotonic()
+    yield format_sse_event(retry=RECONNECT_MS)
+    while True:
+        ended = follower.ended
+        now = event_id(follower.job, follower.outlook)
+        if now != sent:
+            sent, told = now, time.monotonic()
+            data = job_view(follower.job, follower.outlook).model_dump_json()
+            yield format_sse_event(event="job", id=now, data_str=data)
+        if ended:
+            return
+        if not await follower.change(max(0.0, told + HEARTBEAT_SECONDS - time.monotonic())):
+            told = time.monotonic()
+            yield format_sse_event(comment="alive")

@@ -1,0 +1,161 @@
+"""Coroutines that wait for a job to change: one look at the database for all of them, and none while nobody waits.
+
+Workers are other processes, perhaps on other machines, so the API has to look. A waiting request holds no thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from fastapi import Request
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
+
+from ..jobs.eta import Outlook
+from ..jobs.job import Job
+from ..jobs.store import Jobs
+from ..problems import Problem
+
+log = logging.getLogger(__name__)
+
+LOOK_SECONDS = 0.25
+_WAIT = re.compile(r'^wait\s*=\s*"?(\d{1,9})"?\s*(?:;|$)', re.ASCII | re.IGNORECASE)
+
+
+class Follower:
+    """One coroutine's view of a job.
+
+    Attributes
+    ----------
+    job : Job
+        As last seen.
+    outlook : Outlook
+    ended : bool
+        Whether nothing will change any more: the job has finished or gone, or this process stops.
+    """
+
+    def __init__(self, job: Job, outlook: Outlook) -> None:
+        self.job, self.outlook = job, outlook
+        self.ended = not job.live
+        self._changed = asyncio.Event()
+
+    async def change(self, seconds: float) -> bool:
+        """Wait for a change at most so long, and return whether there was one."""
+        try:
+            async with asyncio.timeout(seconds):
+                await self._changed.wait()
+        except TimeoutError:
+            return False
+        self._changed.clear()
+        return True
+
+    def see(self, job: Job | None, outlook: Outlook) -> None:
+        """Take in what the database says now; None for a job that is gone."""
+        if job is None:
+            self.end()
+        elif (job, outlook.queue_position) != (self.job, self.outlook.queue_position):
+            self.job, self.outlook, self.ended = job, outlook, self.ended or not job.live
+            self._changed.set()
+
+    def end(self) -> None:
+        """Wake the coroutine for the last time."""
+        self.ended = True
+        self._changed.set()
+
+
+class Watch:
+    """Looks at the jobs that somebody follows.
+
+    Parameters
+    ----------
+    jobs : Jobs
+    most : int
+        Followers at a time.
+    """
+
+    def __init__(self, jobs: Jobs, most: int) -> None:
+        self._jobs, self._most = jobs, most
+        self._followers: set[Follower] = set()
+        self._looking: asyncio.Task[None] | None = None
+        self._closed = False
+
+    @property
+    def full(self) -> bool:
+        """Whether no one else can follow a job."""
+        return len(self._followers) >= self._most
+
+    @contextmanager
+    def following(self, job: Job, outlook: Outlook) -> Iterator[Follower]:
+        """Follow a job.
+
+        Raises
+        ------
+        Problem
+            503 where as many follow jobs already as may.
+        """
+        if self.full:
+            raise Problem(
+                "too_busy",
+                f"{len(self._followers)} requests are already waiting for jobs.",
+                hint="Ask for GET /jobs/{id} now and then instead.",
+                headers={"Retry-After": "5"},
+                limit=self._most,
+            )
+        follower = Follower(job, outlook)
+        self._followers.add(follower)
+        if self._closed:
+            follower.end()
+        elif self._looking is None or self._looking.done():
+            self._looking = asyncio.create_task(self._look())
+        try:
+            yield follower
+        finally:
+            self._followers.discard(follower)
+
+    async def finished(self, job: Job, seconds: float) -> Job:
+        """Return the job once it has finished, or as it is after so many seconds.
+
+        Raises
+        ------
+        Problem
+            See :meth:`following`.
+        """
+        deadline = time.monotonic() + seconds
+        with self.following(job, Outlook(None, None)) as follower:
+            while not follower.ended and (left := deadline - time.monotonic()) > 0:
+                await follower.change(left)
+            return follower.job
+
+    def close(self) -> None:
+        """Wake everybody, because this process stops."""
+        self._closed = True
+        for follower in self._followers:
+            follower.end()
+
+    async def _look(self) -> None:
+        while self._followers and not self._closed:
+            await asyncio.sleep(LOOK_SECONDS)
+            followed = {follower.job.id for follower in self._followers if not follower.ended}
+            try:
+                seen = await run_in_threadpool(self._jobs.seen, followed)
+            except SQLAlchemyError:
+                log.exception("the job database did not answer; looking again")
+                continue
+            for follower in list(self._followers):
+                if follower.job.id in followed and not follower.ended:
+                    follower.see(*seen.get(follower.job.id, (None, follower.outlook)))
+
+
+def preferred_wait(request: Request, longest: int) -> int | None:
+    """Return the seconds that ``Prefer: wait=N`` (RFC 7240) asks for, at most `longest`, or None."""
+    for header in request.headers.getlist("prefer"):
+        for preference in header.split(","):
+            match = _WAIT.match(preference.strip())
+            if match is not None:  # the first of several counts
+                return min(int(match[1]), longest)
+    return None

@@ -1,0 +1,119 @@
+"""Is there room for a job? The queue is bounded in points and bytes; each caller's part of it in jobs as well.
+
+Counting and accepting are one transaction (:func:`service.database.engine.exclusive`), so the bounds hold however many
+requests arrive at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+
+from ..database.tables import jobs as table
+from ..problems import Problem
+from ..settings import Settings
+from .eta import speed
+from .job import LIVE
+
+SHORTEST_RETRY, UNKNOWN_RETRY, LONGEST_RETRY = 1, 30, 3600  # seconds
+
+
+@dataclass(frozen=True)
+class Load:
+    """Live jobs: their points times iterations still to do, the bytes of their uploads, and their number."""
+
+    points: int = 0
+    bytes: int = 0
+    jobs: int = 0
+
+
+class Admission:
+    """Accepts or refuses jobs.
+
+    Parameters
+    ----------
+    settings : Settings
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._all = Load(settings.max_queued_points, settings.max_queued_bytes)
+        self._stale_seconds = settings.worker_stale_seconds
+        self._caller = Load(settings.max_caller_points, settings.max_caller_bytes, settings.max_caller_jobs)
+
+    def check(self, connection: sa.Connection, owner: str, wanted: Load) -> None:
+        """Refuse `wanted` where there is no room for it.
+
+        Raises
+        ------
+        Problem
+            413 for what would not fit into an empty queue either, 429 where this caller has reached a limit of its
+            own, 503 where the queue is full for everybody.
+        """
+        self._too_large(wanted)
+        everybody, own = _loads(connection, owner)
+        pace = speed(connection, self._stale_seconds)
+        for name in ("points", "bytes", "jobs"):
+            limit, used, more = (getattr(load, name) for load in (self._caller, own, wanted))
+            if used + more > limit:
+                raise Problem(
+                    "quota_exceeded",
+                    f"Your unfinished jobs would come to {used + more} {name}; you may have {limit}.",
+                    hint="Wait until some of your jobs have finished, or cancel one.",
+                    headers={"Retry-After": _seconds(used + more - limit, used, own.points, pace)},
+                    unit=name,
+                    limit=limit,
+                    actual=used + more,
+                )
+        for name in ("points", "bytes"):
+            limit, used, more = (getattr(load, name) for load in (self._all, everybody, wanted))
+            if used + more > limit:
+                raise Problem(
+                    "queue_full",
+                    f"The queue is full: with this job it would hold {used + more} {name} of at most {limit}.",
+                    hint="Send the file again after the seconds in Retry-After.",
+                    headers={"Retry-After": _seconds(used + more - limit, used, everybody.points, pace)},
+                    unit=name,
+                    limit=limit,
+                    actual=used + more,
+                )
+
+    def _too_large(self, wanted: Load) -> None:
+        limit = min(self._all.points, self._caller.points)
+        if wanted.points > limit:
+            raise Problem(
+                "too_much_work",
+                f"The job has {wanted.points} points times iterations; the queue takes {limit} at a time.",
+                hint="Ask for fewer iterations, or cut the cloud into parts.",
+                limit=limit,
+                actual=wanted.points,
+            )
+        limit = min(self._all.bytes, self._caller.bytes)
+        if wanted.bytes > limit:
+            raise Problem(
+                "upload_too_large",
+                f"The upload has {wanted.bytes} bytes; the queue takes {limit} at a time.",
+                hint="Send a smaller cloud, or a binary file instead of text.",
+                limit=limit,
+                actual=wanted.bytes,
+            )
+
+
+def _loads(connection: sa.Connection, owner: str) -> tuple[Load, Load]:
+    """Return the load of everybody and of one caller."""
+    size = sa.cast(table.c.upload["bytes"].as_string(), sa.BigInteger)
+    query = sa.select(
+        sa.func.coalesce(sa.func.sum(table.c.total - table.c.done), 0),
+        sa.func.coalesce(sa.func.sum(size), 0),
+        sa.func.count(),
+    ).where(table.c.status.in_(LIVE))
+    everybody, own = (connection.execute(each).one() for each in (query, query.where(table.c.owner == owner)))
+    return Load(*map(int, everybody)), Load(*map(int, own))
+
+
+def _seconds(excess: int, used: int, points: int, pace: float | None) -> str:
+    """Return the seconds in which `excess` of `used` will be gone, where `used` goes with `points` at `pace`."""
+    if not pace or not used:
+        return str(UNKNOWN_RETRY)
+    return str(min(LONGEST_RETRY, max(SHORTEST_RETRY, math.ceil(min(1.0, excess / used) * points / pace))))

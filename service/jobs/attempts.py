@@ -1,0 +1,168 @@
+"""The worker's side of the table of jobs: taking a job up, reporting progress, ending it.
+
+A worker that dies leaves its job ``open``; the next attempt counts that as a loss, and a finished tile sets the count
+back to zero. So a job that kills its worker at one place fails, while one that merely lived through two power cuts
+goes on. A database that is away for a while only holds a job up.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import sqlalchemy as sa
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+
+from ..database.tables import jobs as table
+from ..database.tables import now_ms, shares
+from . import outcomes
+from .job import LIVE, Job, as_job
+
+log = logging.getLogger(__name__)
+
+MAX_LOSSES = 2
+RETRY_SECONDS = 1.0
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def patient(method: F) -> F:
+    """Try again for as long as the database is locked, full or away."""
+
+    @functools.wraps(method)
+    def tries(*arguments: Any, **named: Any) -> Any:
+        while True:
+            try:
+                return method(*arguments, **named)
+            except (DBAPIError, PoolTimeoutError) as error:
+                away = isinstance(error, OperationalError | InterfaceError | PoolTimeoutError)
+                if not away and not (isinstance(error, DBAPIError) and error.connection_invalidated):
+                    raise
+                log.warning("the job database does not answer (%s); trying again", type(error).__name__)
+                time.sleep(RETRY_SECONDS)
+
+    return cast(F, tries)
+
+
+class Attempts:
+    """Changes a worker makes to jobs.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    ttl : float
+        Seconds that a finished job is kept.
+    """
+
+    def __init__(self, engine: sa.Engine, ttl: float) -> None:
+        self._engine = engine
+        self._ttl_ms = int(ttl * 1000)
+
+    @patient
+    def open(self, job_id: str) -> Job | None:
+        """Take a job up, counting a loss if it was left open; None if it is not live any more."""
+        query = (
+            table.update()
+            .where(table.c.id == job_id, table.c.status.in_(("queued", "running", "cancelling")))
+            .values(
+                status=sa.case((table.c.status == "queued", "running"), else_=table.c.status),
+                started_at=sa.func.coalesce(table.c.started_at, now_ms()),
+                losses=table.c.losses + sa.case((table.c.open, 1), else_=0),
+                open=True,
+            )
+            .returning(table)
+        )
+        with self._engine.begin() as connection:
+            row = connection.execute(query).mappings().one_or_none()
+        return None if row is None else as_job(row)
+
+    @patient
+    def get(self, job_id: str) -> Job | None:
+        """Return the job as it is now."""
+        with self._engine.connect() as connection:
+            row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one_or_none()
+        return None if row is None else as_job(row)
+
+    @patient
+    def update(self, job_id: str, **values: Any) -> None:
+        """Set columns of a job that has not ended; progress never goes back."""
+        if "done" in values:
+            values["done"] = _forward(values["done"])
+        with self._engine.begin() as connection:
+            connection.execute(table.update().where(table.c.id == job_id, table.c.status.in_(LIVE)).values(**values))
+
+    @patient
+    def wanted(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
+        """Report progress, which never goes back, and return whether the job is still wanted: not once cancelled."""
+        query = (
+            table.update()
+            .where(table.c.id == job_id, table.c.status.in_(("running", "cancelling")))
+            .values(done=_forward(done), points_per_second=points_per_second)
+            .returning(table.c.status)
+        )
+        with self._engine.begin() as connection:
+            return connection.execute(query).scalar_one_or_none() == "running"
+
+    def park(self, job_id: str) -> None:
+        """Let go of a job between two tiles, without a loss, because this worker stops."""
+        self.update(job_id, open=False)
+
+    def resume(self, job_id: str) -> None:
+        """Go on with a job that was let go of."""
+        self.update(job_id, open=True)
+
+    def finished_tile(self, job_id: str, *, done: int, points_per_second: float | None) -> None:
+        """Report a tile that is stored, which forgives the losses so far."""
+        self.update(job_id, losses=0, done=done, points_per_second=points_per_second)
+
+    @patient
+    def succeed(self, job_id: str, results: dict[str, Any], warnings: list[str]) -> bool:
+        """End a job well; False if it was cancelled before that."""
+        return self._end(
+            job_id, ("running",), status="succeeded", results=results, warnings=warnings, done=table.c.total
+        )
+
+    @patient
+    def cancel(self, job_id: str) -> bool:
+        """End a job that a caller does not want any more; False if nobody asked for that."""
+        return self._end(job_id, ("cancelling",), status="cancelled")
+
+    @patient
+    def fail(self, job_id: str, problem: dict[str, Any]) -> bool:
+        """End a job badly; False if it had ended, or was cancelled before that."""
+        return self._end(job_id, ("queued", "running"), status="failed", problem=problem)
+
+    def live(self) -> list[str]:
+        """Return the jobs that some worker is expected to be working on."""
+        query = sa.select(table.c.id).where(table.c.status.in_(("running", "cancelling")))
+        with self._engine.connect() as connection:
+            return list(connection.execute(query).scalars())
+
+    def _end(self, job_id: str, before: tuple[str, ...], **values: Any) -> bool:
+        now = now_ms()
+        query = (
+            table.update()
+            .where(table.c.id == job_id, table.c.status.in_(before))
+            .values(open=False, finished_at=now, expires_at=now + self._ttl_ms, **values)
+        )
+        with self._engine.begin() as connection:
+            ended = connection.execute(query).rowcount == 1
+            if ended:
+                outcomes.count(connection, values["status"], values.get("problem", {}).get("code", ""))
+        if ended:
+            self._drop_shares(job_id)
+        return ended
+
+    @patient
+    def _drop_shares(self, job_id: str) -> None:
+        # In a transaction of its own: who reports on a share locks it first, then the job.
+        with self._engine.begin() as connection:
+            connection.execute(shares.delete().where(shares.c.job == job_id))
+
+
+def _forward(done: int) -> sa.ColumnElement[int]:
+    return sa.case((table.c.done > done, table.c.done), else_=done)

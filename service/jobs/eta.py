@@ -1,0 +1,78 @@
+"""How long a live job still takes: its place in the queue, and the speed that the workers measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+
+from ..database.tables import jobs as table
+from ..database.tables import now_ms, workers
+from .job import Job
+from .lanes import lane
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What is known about the time a live job still takes."""
+
+    queue_position: int | None
+    seconds_left: float | None
+
+
+def speed(connection: sa.Connection, stale_seconds: float) -> float | None:
+    """Return the points a second that the workers at work make together; None before the first measured one.
+
+    Who was silent for `stale_seconds` is dead, and who starts or stops takes no job.
+    """
+    found: float | None = connection.execute(
+        sa.select(sa.func.sum(workers.c.points_per_second)).where(*_at_work(stale_seconds))
+    ).scalar()
+    return found or None
+
+
+def _at_work(stale_seconds: float) -> tuple[sa.ColumnElement[bool], ...]:
+    return (workers.c.state == "ready", workers.c.beat_at >= now_ms() - int(stale_seconds * 1000))
+
+
+def outlook(connection: sa.Connection, job: Job, stale_seconds: float) -> Outlook:
+    """Return place in the queue and estimated time; a worker silent for `stale_seconds` does not count.
+
+    Jobs in hand share the device evenly, so until a job has done its own work each of the others does as much, or what
+    it has left.
+    """
+    if not job.live:
+        return Outlook(None, None)
+    every = speed(connection, stale_seconds)
+    left = job.total - job.done
+    position, before = None, 0
+    if job.status == "queued":
+        position, before = _ahead(connection, job)
+        pace = every
+    else:
+        count = connection.execute(sa.select(sa.func.count(workers.c.id)).where(*_at_work(stale_seconds))).scalar() or 1
+        pace = job.points_per_second or (every and every / count)
+    others = _others(connection, job, before + left)
+    if job.status != "queued" and every and pace:
+        others = others * pace / every  # those of other workers are in nobody's way
+    return Outlook(position, (before + left + others) / pace if pace else None)
+
+
+def _ahead(connection: sa.Connection, job: Job) -> tuple[int, int]:
+    """Return the job's place in its lane, and the work of those ahead of it there."""
+    size = lane(job.total)
+    first = sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(job.created_at, job.id)
+    query = sa.select(sa.func.count(), sa.func.coalesce(sa.func.sum(table.c.total - table.c.done), 0)).where(
+        table.c.status == "queued", table.c.total > size.above, table.c.total <= size.upto, first
+    )
+    ahead, points = connection.execute(query).one()
+    return int(ahead) + 1, int(points)
+
+
+def _others(connection: sa.Connection, job: Job, work: int) -> float:
+    """Return what the jobs in hand do while `work` is done, beside that."""
+    left = table.c.total - table.c.done
+    query = sa.select(sa.func.coalesce(sa.func.sum(sa.case((left < work, left), else_=work)), 0)).where(
+        table.c.status == "running", table.c.id != job.id
+    )
+    return float(connection.execute(query).scalar_one())

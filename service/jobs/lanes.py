@@ -1,0 +1,44 @@
+"""Queues by size: a job waits behind jobs of about its own size only.
+
+A worker takes from every lane, so that a few small jobs, one of middling size and one large one are in hand together;
+:mod:`service.worker.scheduler` shares the device between them. What lies in memory is bounded by the widest lanes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One queue of the engine.
+
+    Attributes
+    ----------
+    queue : str
+    above, upto : int
+        Which jobs, by points times iterations.
+    in_hand : int
+        Jobs that one worker has in hand at a time.
+    """
+
+    queue: str
+    above: int
+    upto: int
+    in_hand: int
+
+
+LANES = (
+    Lane("denoise-small", 0, 20_000, 4),
+    Lane("denoise-medium", 20_000, 200_000, 2),
+    Lane("denoise-large", 200_000, 2_000_000, 1),
+    Lane("denoise", 2_000_000, 2**62, 1),
+)
+
+
+SHARES_QUEUE, SHARES_IN_HAND = "shares", 2  # of large jobs; one of the two waits, so that its worker need not
+
+
+def lane(total: int) -> Lane:
+    """Return the lane of a job of so many points times iterations."""
+    return next(lane for lane in LANES if total <= lane.upto)

@@ -1,0 +1,211 @@
+"""Jobs as the API sees them: submit, status, cancel, list, remove. The engine behind it is DBOS.
+
+What a caller is told is our own table; the engine's state is an implementation detail. Every change of status is one
+conditional UPDATE, so that the API and a worker that act at the same moment cannot both win.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from typing import Any
+
+import sqlalchemy as sa
+from dbos import DBOSClient, EnqueueOptions
+
+from ..database.engine import exclusive
+from ..database.tables import jobs as table
+from ..database.tables import now_ms
+from ..settings import Settings
+from ..storage.base import Storage
+from ..telemetry import tracing
+from . import drain_switch as switches
+from . import outcomes
+from .admission import Admission, Load
+from .dbos_contract import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER, WORKFLOW
+from .eta import Outlook, outlook
+from .job import FINISHED, Job, as_job, is_id
+from .lanes import lane
+
+USUAL_ITERATIONS = 2  # what iterations=auto is taken for until the worker has looked at the cloud
+
+
+class Jobs:
+    """The queue and its table, from a process that runs no work itself.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Of the job database, already migrated.
+    storage : Storage
+        Where the files of jobs lie.
+    settings : Settings
+        For the bounds of the queue and the time that a finished job is kept.
+    """
+
+    def __init__(self, engine: sa.Engine, storage: Storage, settings: Settings) -> None:
+        self._engine = engine
+        self._storage = storage
+        self._admission = Admission(settings)
+        self._ttl_ms = int(settings.job_ttl * 1000)
+        self._stale_seconds = settings.worker_stale_seconds
+        self._usual_iterations = min(USUAL_ITERATIONS, settings.max_iterations)
+        self._client = DBOSClient(
+            system_database_engine=engine,
+            application_name=APPLICATION_NAME,
+            serializer=SERIALIZER,
+            retry_connection_errors=False,
+        )
+
+    def close(self) -> None:
+        """Let go of the engine's client."""
+        self._client.destroy()
+
+    def check_room(self, owner: str, wanted: Load) -> None:
+        """Refuse early what :meth:`submit` would most likely refuse; see :meth:`Admission.check`."""
+        with self._engine.connect() as connection:
+            switches.check_open(connection)
+            self._admission.check(connection, owner, wanted)
+
+    def submit(
+        self,
+        job_id: str,
+        *,
+        owner: str,
+        parameters: dict[str, Any],
+        upload: dict[str, Any],
+        warnings: list[str],
+        also: Callable[[sa.Connection], None] | None = None,
+    ) -> Job:
+        """Accept a job whose upload lies durably in storage; our row, the queue's and `also` in one transaction.
+
+        Raises
+        ------
+        Problem
+            Where the service is drained or there is no room, see :meth:`Admission.check`; or by `also`.
+        """
+        iterations = parameters["iterations"]
+        values = {
+            "id": job_id,
+            "owner": owner,
+            "status": "queued",
+            "parameters": parameters,
+            "upload": upload,
+            "warnings": warnings,
+            "done": 0,
+            "total": upload["points"] * (self._usual_iterations if iterations == "auto" else iterations),
+            "created_at": now_ms(),
+            "open": False,
+            "losses": 0,
+            "context": tracing.carried(),
+        }
+        options: EnqueueOptions = {
+            "workflow_name": WORKFLOW,
+            "queue_name": lane(values["total"]).queue,
+            "workflow_id": job_id,
+            "app_version": APPLICATION_VERSION,
+        }
+        wanted = Load(values["total"], upload["bytes"], 1)
+        with self._engine.connect() as connection, exclusive(connection):
+            switches.check_open(connection)
+            self._admission.check(connection, owner, wanted)
+            connection.execute(table.insert().values(values))
+            if also is not None:
+                also(connection)
+            self._client.enqueue_in_transaction(connection, options, job_id)
+            row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one()
+        return as_job(row)
+
+    def status(self, job_id: str, owner: str) -> Job | None:
+        """Return the job, or None where there is none or it is somebody else's."""
+        if not is_id(job_id):
+            return None
+        query = sa.select(table).where(table.c.id == job_id, table.c.owner == owner)
+        with self._engine.connect() as connection:
+            row = connection.execute(query).mappings().one_or_none()
+        return None if row is None else as_job(row)
+
+    def expired(self, job: Job) -> bool:
+        """Return whether the files of `job` are gone, or about to go."""
+        if job.expires_at is None:
+            return False
+        with self._engine.connect() as connection:
+            now: int = connection.execute(sa.select(now_ms())).scalar_one()
+        return job.expires_at <= now
+
+    def page(self, owner: str, *, limit: int, before: Job | None = None) -> list[Job]:
+        """Return the jobs of `owner`, newest first, those older than `before` where it is given."""
+        query = sa.select(table).where(table.c.owner == owner, table.c.purged_at.is_(None))
+        if before is not None:
+            query = query.where(sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(before.created_at, before.id))
+        query = query.order_by(table.c.created_at.desc(), table.c.id.desc()).limit(limit)
+        with self._engine.connect() as connection:
+            return [as_job(row) for row in connection.execute(query).mappings()]
+
+    def outlook(self, job: Job) -> Outlook:
+        """Return place in the queue and estimated time, from the speed the workers measured."""
+        with self._engine.connect() as connection:
+            return outlook(connection, job, self._stale_seconds)
+
+    def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Outlook]]:
+        """Return these jobs as they are now, whoever owns them; those that are gone are left out."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(sa.select(table).where(table.c.id.in_(job_ids))).mappings().all()
+        return {job.id: (job, self.outlook(job)) for job in map(as_job, rows)}
+
+    def cancel(self, job: Job) -> Job | None:
+        """Cancel a live job: at once where it is queued, else as soon as its worker notices.
+
+        Returns the job as it is now, or None if it went in the meantime.
+        """
+        now = now_ms()
+        queued = (
+            table.update()
+            .where(table.c.id == job.id, table.c.status == "queued")
+            .values(status="cancelled", finished_at=now, expires_at=now + self._ttl_ms)
+        )
+        running = table.update().where(table.c.id == job.id, table.c.status == "running").values(status="cancelling")
+        with self._engine.begin() as connection:
+            gone = connection.execute(queued).rowcount == 1
+            if gone:
+                outcomes.count(connection, "cancelled")
+            else:
+                connection.execute(running)
+        if gone:
+            # Should this be cut off, the worker that takes it off the queue finds it cancelled and clears it away.
+            self._storage.delete_job(job.id)
+            self._client.cancel_workflow(job.id)
+        return self.status(job.id, job.owner)
+
+    def add_result(self, job: Job, format_: str, facts: dict[str, Any], warnings: list[str]) -> Job | None:
+        """Note that the result of a finished job is there in one more format.
+
+        Returns the job as it is now, or None if it was removed or expired in the meantime.
+        """
+        there = (table.c.id == job.id) & (table.c.status == "succeeded") & (table.c.expires_at > now_ms())
+        with self._engine.connect() as connection, exclusive(connection):
+            row = connection.execute(sa.select(table).where(there)).mappings().one_or_none()
+            if row is None:
+                return None
+            now = as_job(row)
+            # Another API process may have added this format or another one meanwhile.
+            results = {format_: facts} | (now.results or {})
+            told = now.warnings + [warning for warning in warnings if warning not in now.warnings]
+            connection.execute(table.update().where(table.c.id == job.id).values(results=results, warnings=told))
+        return replace(now, results=results, warnings=told)
+
+    def remove(self, job: Job) -> bool:
+        """Remove a finished job, its files and its row; False if it is live."""
+        ended = (table.c.id == job.id) & table.c.status.in_(FINISHED)
+        with self._engine.connect() as connection:
+            if connection.execute(sa.select(table.c.id).where(ended)).scalar() is None:
+                return False
+        self.forget(job.id)  # first: without our row nobody would know of it, while files without one are purged
+        with self._engine.begin() as connection:
+            removed = connection.execute(table.delete().where(ended)).rowcount == 1
+        self._storage.delete_job(job.id)
+        return removed
+
+    def forget(self, job_id: str) -> None:
+        """Remove the engine's record of a finished job."""
+        self._client.delete_workflow(job_id, delete_children=True)

@@ -1,0 +1,5 @@
+"""``python -m service.worker``: the worker process."""
+
+from .main import main
+
+main()

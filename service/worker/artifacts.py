@@ -1,0 +1,98 @@
+"""Files that the steps of a job read and write: the upload, tiles, merged clouds."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdnf.file_formats import TEXT_FORMATS
+from pcdnf.formats import Limits, PointCloud, read
+from pcdnf.geometry.outliers import drop_outliers
+
+from ..jobs.files import UPLOAD, job_file
+from ..jobs.job import Job
+from ..storage.base import own_name, writing
+from .context import Runtime
+
+log = logging.getLogger(__name__)
+
+RAW_NORMALS = "raw-normals.npz"
+
+
+DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step that finds the disk full
+
+
+T = TypeVar("T")
+
+
+class DiskFull(Exception):
+    """The disk stays full."""
+
+
+def with_room(runtime: Runtime, in_hand: str, work: Callable[[], T]) -> T:
+    """Do the work of a job or share in hand, again for a while where the disk is full: what expires may make room.
+
+    Raises
+    ------
+    DiskFull
+    """
+    deadline = time.monotonic() + DISK_PATIENCE_SECONDS
+    while True:
+        try:
+            return work()
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            if time.monotonic() > deadline:
+                raise DiskFull from error
+        log.warning("job %s waits: the disk is full", in_hand)
+        time.sleep(DISK_RETRY_SECONDS)
+        runtime.pause_if_stopping(in_hand)
+
+
+def tile_name(iteration: int, start: int) -> str:
+    """Return the name of a finished tile, one that nobody else has: of a worker taken for dead another may make it."""
+    return own_name(f"tiles/{iteration}-{start}.npz")
+
+
+def merged_name(iteration: int) -> str:
+    """Return the name of the cloud after an iteration, one that nobody else has."""
+    return own_name(f"iteration-{iteration}.npz")
+
+
+def store_arrays(runtime: Runtime, job_id: str, name: str, **arrays: NDArray[Any]) -> None:
+    """Store arrays durably under a name of the job."""
+    with writing(runtime.storage, job_file(job_id, name)) as path, path.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[Any]]:
+    """Return what :func:`store_arrays` stored; nothing is unpickled."""
+    with (
+        runtime.storage.reading(job_file(job_id, name)) as path,
+        np.load(path, allow_pickle=False) as file,
+    ):
+        return dict(file)
+
+
+def read_upload(runtime: Runtime, job: Job) -> PointCloud:
+    """Read the caller's file, under the limits it was checked with, without outliers where they are to go.
+
+    Raises
+    ------
+    pcdnf.formats.FormatError
+    """
+    limits = Limits(
+        max_points=runtime.settings.max_points,
+        max_bytes=runtime.settings.max_inflated_bytes,
+        nonfinite=job.parameters["nonfinite"],
+    )
+    with runtime.storage.reading(job_file(job.id, UPLOAD)) as path:
+        cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
+    return drop_outliers(cloud) if job.parameters["outliers"] == "drop" else cloud

@@ -1,0 +1,120 @@
+"""What the steps of a job work on: its upload, its files in storage, its prepared cloud, its progress."""
+
+from __future__ import annotations
+
+import logging
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from pcdnf.denoiser import Cloud, Denoiser, Plan, iteration_seed
+from pcdnf.errors import PcdnfError
+from pcdnf.inference.unit_frame import Frame
+
+from ..jobs.job import Job
+from .artifacts import load_arrays, read_upload
+from .context import Runtime
+from .progress import Progress
+
+log = logging.getLogger(__name__)
+
+DIFFERS = "workers_differ"
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One iteration: its number, the merged cloud of the one before, and the order of its points once that is known."""
+
+    iteration: int
+    before: str | None
+    order: int | None = None
+
+
+@dataclass
+class Prepared:
+    """The cloud of one iteration made ready, kept in memory between the tiles; `order` sums up that of its points."""
+
+    iteration: int
+    denoiser: Denoiser
+    cloud: Cloud
+    order: int
+
+
+def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
+    """Return the cloud of an iteration, prepared now unless it was kept.
+
+    Raises
+    ------
+    PcdnfError
+        If the file, the cloud or the model is not usable, or the weights are not those the job began with.
+    pcdnf.denoiser.Stopped
+        If the job was cancelled meanwhile.
+    """
+    progress = Progress(runtime, job, 0)
+    with runtime.preparing(job, progress.check):
+        kept = runtime.kept.get(job.id)
+        if not isinstance(kept, Prepared) or kept.iteration != now.iteration:
+            kept = _prepare(runtime, job, now, progress)
+    if now.order is not None and kept.order != now.order:
+        raise PcdnfError(
+            "This worker put the points of the cloud into another order than the one that began the job.",
+            code=DIFFERS,
+            hint="Submit the file again. Workers that share a queue should run on one kind of machine.",
+        )
+    return kept
+
+
+def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepared:
+    iteration = now.iteration
+    with runtime.at_work(job, progress.check), runtime.stage("prepare"):
+        runtime.kept.pop(job.id, None)  # the cloud before may be large
+        runtime.drop_idle(0)
+        denoiser = settled(runtime, job)
+        given = read_upload(runtime, job)
+        points: NDArray[Any] = given.points
+        normals = given.normals
+        if now.before is not None:
+            merged = load_arrays(runtime, job.id, now.before)
+            points, normals = merged["points"], merged["normals"]
+        cloud = denoiser.prepare(
+            points,
+            normals,
+            plan=planned(job),
+            iteration=iteration,
+            frame=Frame.of(given.points),
+            initial="input" if iteration else job.parameters["normals"],
+            seed=iteration_seed(job.parameters["seed"], iteration),
+            should_stop=progress.stop,
+        )
+        fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
+        runtime.kept[job.id] = fresh
+        return fresh
+
+
+def settled(runtime: Runtime, job: Job) -> Denoiser:
+    """Return the job's model, having recorded on what the job runs; the weights may not change under it.
+
+    Raises
+    ------
+    PcdnfError
+        If the weights are not those the job began with.
+    """
+    execution = runtime.models.execution(job.parameters["model"])
+    known = job.execution or {}
+    if known and known["weights_sha256"] != execution["weights_sha256"]:
+        raise PcdnfError(
+            "The service was updated to other weights while this job was under way.",
+            code="model_changed",
+            hint="Submit the file again.",
+        )
+    if job.share is None and known != known | execution:
+        runtime.attempts.update(job.id, execution=known | execution)
+    return runtime.models.get(job.parameters["model"])
+
+
+def planned(job: Job) -> Plan:
+    """Return the plan that the first step of the job left with it."""
+    assert job.execution is not None
+    return Plan.from_json(job.execution["plan"])

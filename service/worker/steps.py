@@ -1,0 +1,251 @@
+"""The steps of a job: survey; plan, tiles, merge for every iteration, then the result's files.
+
+Each step is checkpointed by the engine: it leaves a file in storage and returns plain JSON. What the caller is to be
+told is returned as ``{"problem": ...}``, never raised.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from dbos import DBOS
+from numpy.typing import NDArray
+
+from pcdnf.denoiser import Stopped
+from pcdnf.errors import PcdnfError
+from pcdnf.file_formats import FORMATS
+from pcdnf.formats import write
+from pcdnf.geometry.orientation import orient_normals
+
+from ..jobs.dbos_contract import GIVEN_UP
+from ..jobs.files import DISPLAY, UPLOAD, job_file, result_facts, result_name
+from ..jobs.job import Job
+from ..jobs.shards import Part, cut
+from ..problems import CATALOGUE, Problem
+from ..storage.base import own_name, writing
+from ..telemetry import tracing
+from .artifacts import RAW_NORMALS, DiskFull, load_arrays, merged_name, read_upload, store_arrays, tile_name, with_room
+from .context import Runtime
+from .gltf import colours, write_display
+from .prepared import Pass, planned, prepared, settled
+from .progress import Progress, form
+
+log = logging.getLogger(__name__)
+
+STORED = ("ply", "npz")  # beside the format that came in; the others are written when they are asked for
+Outcome = dict[str, Any]
+
+_runtime: Runtime | None = None
+
+
+def install(runtime: Runtime) -> None:
+    """Give the workflows what they work with; once, before the engine is launched."""
+    global _runtime
+    _runtime = runtime
+
+
+def shared() -> Runtime:
+    """Return what was installed."""
+    assert _runtime is not None
+    return _runtime
+
+
+def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
+    """Return the problem a failed job shows."""
+    told = {
+        "disk_full": ("The service ran out of disk space.", "Try again later."),
+        "internal_error": ("The service met an error of its own.", "The log of the worker says more."),
+    }
+    known_detail, known_hint = told.get(code, (code, None))
+    status = None if code in CATALOGUE else 422
+    return Problem(code, detail or known_detail, hint=hint or known_hint, status=status).body()
+
+
+def kept(results: dict[str, Any]) -> frozenset[str]:
+    """Return the files that stay of a job that has succeeded."""
+    return frozenset({UPLOAD, DISPLAY, *(result_name(name, facts) for name, facts in results.items())})
+
+
+def sweep(job_id: str) -> None:
+    """Remove what is left of a job that has ended, but its results."""
+    job = shared().attempts.get(job_id)
+    if job is None or not job.live:
+        results = None if job is None else job.results
+        shared().storage.delete_job(job_id, keep=kept(results) if results else frozenset())
+
+
+def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
+    """Make `function(runtime, job, ...)` a checkpointed step that is called with the job's id."""
+
+    @functools.wraps(function)
+    def told(job_id: str, *arguments: Any) -> Outcome:
+        job = shared().attempts.get(job_id)
+        if job is None or job.status != "running":
+            return {"stopped": True}
+        try:
+            # In hand is the workflow that this step belongs to: the job's, or that of a share.
+            return with_room(shared(), str(DBOS.workflow_id), lambda: function(shared(), job, *arguments))
+        except Stopped:
+            return {"stopped": True}
+        except PcdnfError as error:
+            return {"problem": problem_of(error.code, str(error), error.hint)}
+        except DiskFull:
+            return {"problem": problem_of("disk_full")}
+        except MemoryError:
+            detail = "The worker has not enough memory for this cloud."
+            return {"problem": problem_of("out_of_memory", detail, "Send the cloud in parts.")}
+        finally:
+            sweep(job_id)  # a worker that was frozen may have written after the job had ended elsewhere
+
+    return DBOS.step(name=function.__name__, retries_allowed=True, max_attempts=3)(told)
+
+
+@_step
+def survey(runtime: Runtime, job: Job) -> Outcome:
+    """Measure noise and spacing, and choose what the caller left open."""
+    with runtime.at_work(job, Progress(runtime, job, 0).check), runtime.stage("survey"):
+        denoiser = settled(runtime, job)
+        points = read_upload(runtime, job).points
+        asked = job.parameters
+        chosen = denoiser.plan(
+            points, iterations=asked["iterations"], radius=asked["radius"], fast=asked.get("fast", False)
+        )
+        if asked["iterations"] == "auto":
+            chosen = replace(chosen, radii=chosen.radii[: runtime.settings.max_iterations])
+    execution = runtime.models.execution(job.parameters["model"]) | {"plan": chosen.to_json()}
+    runtime.attempts.update(job.id, execution=execution, total=chosen.iterations * len(points))
+    return {"iterations": chosen.iterations}
+
+
+@_step
+def plan(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Outcome:
+    """Prepare the cloud of an iteration and cut it into tiles, and these into shares where other workers may help."""
+    work = prepared(runtime, job, Pass(iteration, before))
+    tiles = [list(tile) for tile in work.cloud.tiles(runtime.settings.tile_points)]
+    outcome = {"tiles": tiles, "order": work.order}
+    parts = cut(tiles)
+    if parts and runtime.has_peers() and runtime.shares.take(job.id, iteration, len(work.cloud), parts):
+        return outcome | {"shares": parts}
+    runtime.shares.release(job.id)
+    return outcome
+
+
+@_step
+def denoise_one(runtime: Runtime, job: Job, now: Pass, start: int, stop: int, share: str | None = None) -> Outcome:
+    """Denoise one tile, of a job or of a share of one, and store it."""
+    if share is not None:
+        job = runtime.shares.part_of(job, share)
+    work = prepared(runtime, job, now)
+    base = now.iteration * len(work.cloud)
+    done, model, name = base + start, job.parameters["model"], tile_name(now.iteration, start)
+    left = job.total - job.done
+    with runtime.at_work(job, Progress(runtime, job, done).check, left=left) as give_way, tracing.span("tile"):
+        progress = Progress(runtime, job, done, give_way)
+        began = time.monotonic()
+        tile = work.denoiser.denoise_tile(work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
+        seconds = time.monotonic() - began - progress.lent
+        runtime.measured(form(job), stop - start, seconds)
+        runtime.measures.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)
+        store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
+        runtime.record(job).finished_tile(job.work, done=base + stop, points_per_second=runtime.speed(form(job)))
+    log.info("job %s iteration %d tile %d-%d done", job.id, now.iteration, start, stop)
+    return {"file": name}
+
+
+@_step
+def gather(runtime: Runtime, job: Job, ids: list[str]) -> Outcome:
+    """Wait until all shares of an iteration are done, wherever; return what became of each."""
+    runtime.attempts.park(job.id)  # whoever dies now dies of a share, which counts for itself
+    while True:
+        found = {each.workflow_id: each for each in DBOS.list_workflows(workflow_ids=ids, load_input=False)}
+        outcomes = [found[share].output if found[share].status == "SUCCESS" else None for share in ids]
+        ended = next((each for each in outcomes if each and not each.keys() & {"files", "declined"}), None)
+        if any(each.status in GIVEN_UP for each in found.values()):
+            ended = {"problem": problem_of("internal_error")}
+        if ended is None and None not in outcomes:
+            runtime.attempts.resume(job.id)
+            return {"outcomes": outcomes}
+        runtime.pause_if_stopping(job.work)
+        now = runtime.attempts.get(job.id)
+        if ended is not None or now is None or now.status != "running":
+            DBOS.cancel_workflows([share for share in ids if found[share].status == "ENQUEUED"])
+            return ended or {"stopped": True}
+        time.sleep(runtime.settings.poll_seconds)
+
+
+@_step
+def merge(runtime: Runtime, job: Job, now: Pass, tiles: Part, files: list[str]) -> Outcome:
+    """Put the tiles of an iteration back into the order of the input."""
+    cloud = prepared(runtime, job, now).cloud
+    done = (now.iteration + 1) * len(cloud)
+    with runtime.at_work(job, Progress(runtime, job, done).check), runtime.stage("merge"):
+        points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
+        flagged = np.zeros(len(cloud), bool)
+        if now.before is None:
+            store_arrays(runtime, job.id, RAW_NORMALS, normals=cloud.normals)
+        else:
+            flagged |= load_arrays(runtime, job.id, now.before)["flagged"]
+        for (start, stop), file in zip(tiles, files, strict=True):
+            rows = cloud.order[start:stop]
+            tile = load_arrays(runtime, job.id, file)
+            points[rows], normals[rows] = tile["points"], tile["normals"]
+            flagged[rows] |= tile["flagged"]
+        name = merged_name(now.iteration)
+        store_arrays(runtime, job.id, name, points=points, normals=normals, flagged=flagged)
+    runtime.shares.release(job.id)
+    return {"file": name}
+
+
+@_step
+def finish(runtime: Runtime, job: Job, last: str) -> Outcome:
+    """Write the result as it came in, as PLY and as NPZ, all that repeats the run, and what the page draws."""
+    with runtime.at_work(job, Progress(runtime, job, job.total).check), runtime.stage("result"):
+        return _finished(runtime, job, load_arrays(runtime, job.id, last))
+
+
+def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Outcome:
+    parameters = job.parameters
+    plan = planned(job)
+    given = read_upload(runtime, job)
+    denoiser = runtime.models.get(parameters["model"])
+    metadata = denoiser.metadata(seed=parameters["seed"], plan=plan, initial=parameters["normals"])
+    metadata |= {"orient": "on" if parameters["orient"] else "off", "outliers": parameters["outliers"]}
+    normals = merged["normals"]
+    if parameters["orient"]:
+        normals = orient_normals(merged["points"], normals, like=given.normals)
+    cloud = given.replaced(merged["points"], normals, metadata=metadata)
+    warnings = list(given.warnings)
+    results = {}
+    for name in dict.fromkeys((given.flavour.format, *STORED)):
+        file = own_name(f"result.{name}")
+        try:
+            with writing(runtime.storage, job_file(job.id, file)) as path:
+                notes = write(path, cloud, format=name)
+                facts = result_facts(path, file)
+        except PcdnfError as error:
+            if name == given.flavour.format:
+                raise
+            # This format cannot hold everything this file carries.
+            warnings.append(f"There is no {FORMATS[name].title} result. {error}")
+            continue
+        warnings += notes
+        results[name] = facts
+    with writing(runtime.storage, job_file(job.id, DISPLAY)) as path:
+        write_display(
+            path,
+            before=given.points,
+            after=merged["points"],
+            raw_normals=load_arrays(runtime, job.id, RAW_NORMALS)["normals"],
+            normals=normals,
+            colour=colours(given),
+        )
+    lost = int(merged["flagged"].sum())
+    if lost:
+        warnings.append(f"{lost} points had too few neighbours and are returned as they came.")
+    return {"results": results, "warnings": warnings}

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from service.startup import EX_CONFIG
+from tests.support.service_process import Service
+
+
+def _serve(tmp_path: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[str]:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("PCDNF_")}
+    environment |= {"PCDNF_DATA_DIR": str(tmp_path)} | {
+        f"PCDNF_{key.upper()}": value for key, value in settings.items()
+    }
+    return subprocess.run(
+        [sys.executable, "-m", "service", *arguments], env=environment, capture_output=True, text=True, timeout=60
+    )
+
+
+def test_refuses_the_network_without_a_key(tmp_path: Path) -> None:
+    ended = _serve(tmp_path, "--host", "0.0.0.0")
+    assert ended.returncode == EX_CONFIG
+    assert "PCDNF_API_KEY" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_refuses_a_port_that_is_taken(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        ended = _serve(tmp_path, "--port", str(port))
+    assert ended.returncode == EX_CONFIG
+    assert f"port {port}" in ended.stderr
+    assert "--port" in ended.stderr
+
+
+def test_refuses_a_bad_setting_by_its_name(tmp_path: Path) -> None:
+    ended = _serve(tmp_path, max_points="many")
+    assert ended.returncode == EX_CONFIG
+    assert "PCDNF_MAX_POINTS" in ended.stderr
+
+
+def test_a_child_that_refuses_ends_the_service(tmp_path: Path) -> None:
+    ended = _serve(tmp_path, "--port", "0", default_model="nothing")
+    assert ended.returncode == EX_CONFIG
+    assert "no model" in ended.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_stops_cleanly_even_while_starting(tmp_path: Path, number: signal.Signals) -> None:
+    service = Service(tmp_path).start(ready=False)
+    assert service.stop(number) == 0, service.output()
+    assert "Traceback" not in service.output()
+
+
+def test_children_do_not_outlive_the_supervisor(tmp_path: Path) -> None:
+    service = Service(tmp_path).start(ready=False)
+    deadline = time.monotonic() + 30
+    while service.client.get("/livez").status_code != 200:
+        assert time.monotonic() < deadline
+    children = [service.child(module) for module in ("service.api", "service.worker")]
+    service.stop(signal.SIGKILL)
+    deadline = time.monotonic() + 30
+    while any(Path(f"/proc/{child}/exe").exists() for child in children):
+        assert time.monotonic() < deadline, service.output()
+        time.sleep(0.1)
