@@ -93,7 +93,7 @@ class Hosts:
 
     def server(self, host: str, *arguments: str) -> object:
         """Start a server of tests/servers.py and return what it tells."""
-        process = self.start(host, str(Path(__file__).parents[1] / "servers.py"), *arguments)
+        process = self.start(host, str(Path(__file__).parents[1] / "support" / "servers.py"), *arguments)
         assert process.stdout is not None
         return json.loads(process.stdout.readline())
 

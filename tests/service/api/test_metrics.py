@@ -167,7 +167,7 @@ def test_the_dashboard_asks_for_what_there_is(board: Board) -> None:
     known = {
         family.name + suffix for family in metrics.registry.collect() for suffix in SUFFIXES.get(family.type, ("",))
     }
-    path = Path(__file__).parents[2] / "docker" / "grafana-dashboard.json"
+    path = Path(__file__).parents[3] / "docker" / "grafana-dashboard.json"
     panels = json.loads(path.read_text())["panels"]
     queries = [target["expr"] for panel in panels for target in panel["targets"]]
     asked = {name for query in queries for name in re.findall(r"\bpcdnf_\w+", query)}
@@ -175,7 +175,7 @@ def test_the_dashboard_asks_for_what_there_is(board: Board) -> None:
     assert {
         name for query in queries for group in re.findall(r"by \(([^)]*)\)", query) for name in group.split(", ")
     } <= LABELS
-    page = (Path(__file__).parents[2] / "docs" / "operations.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "operations.md").read_text()
     for family in metrics.registry.collect():
         assert f"`{family.name}" in page, family.name
     assert {name for name in re.findall(r"`(pcdnf_\w+)", page) if not name.endswith("_")} <= known | {

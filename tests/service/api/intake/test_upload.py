@@ -245,7 +245,7 @@ def test_disk_that_fills_up_meanwhile(
 
 
 def test_the_libraries_that_take_requests_apart_are_mended_ones() -> None:
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    project = tomllib.loads((Path(__file__).parents[4] / "pyproject.toml").read_text())["project"]
     floors = dict(each.split(">=") for each in project["optional-dependencies"]["service"] if each.count(">=") == 1)
     for name, least in (("starlette", (1, 3, 1)), ("python-multipart", (0, 0, 31))):  # ranges, floods of parts
         assert tuple(map(int, floors[name].split(",")[0].split("."))) >= least

@@ -14,7 +14,7 @@ from pcdnf.file_formats import FORMATS
 from service.api.middleware.guard import POLICY
 from service.api.routes.pages import DOCS_POLICY, FOLDER
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[4]
 
 
 @pytest.mark.parametrize(
