@@ -19,7 +19,7 @@ from ..jobs.store import Jobs
 from ..jobs.worker_registry import Workers
 from ..settings import Settings
 from ..storage.open import open_storage
-from . import error_handlers
+from . import error_handlers, openapi
 from .auth import Keys
 from .intake.idempotency import Claims
 from .intake.inspection import Inspector
@@ -27,9 +27,7 @@ from .metrics import ApiMetrics, Deployment
 from .middleware.access_log import Observer
 from .middleware.guard import Guard
 from .middleware.same_origin import Origins
-from .openapi import (
-    errors,
-)
+from .openapi import errors
 from .rate_limit import Rates
 from .results.conversion import Converter
 from .routes import jobs, models, pages, probes
@@ -58,6 +56,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         docs_url=None,  # see pages
         redoc_url=None,
         responses=errors(),
+        generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
     app.state.keys = Keys.of(settings)
@@ -72,6 +71,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.include_router(models.router)
     app.include_router(jobs.router)
     pages.install(app)
+    openapi.install(app)
     return app
 
 

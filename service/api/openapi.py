@@ -1,12 +1,17 @@
-"""What FastAPI cannot find out by itself for the OpenAPI document."""
+"""The OpenAPI document: what FastAPI cannot find out by itself, and each thing said once."""
 
 from __future__ import annotations
 
+import json
+from collections import Counter
+from collections.abc import Iterator
 from http import HTTPStatus
 from typing import Any
 
+from fastapi import FastAPI
+
 from ..problems import Problem
-from .error_handlers import MEDIA_TYPE, ProblemDetail
+from .error_handlers import MEDIA_TYPE
 from .intake.idempotency import HEADER, LONGEST_KEY
 from .intake.parameters import Parameters
 from .intake.upload import RAW_TYPES
@@ -15,6 +20,7 @@ from .schemas import JobView
 
 Responses = dict[int | str, dict[str, Any]]
 
+OCTETS = "application/octet-stream"
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 
 
@@ -34,11 +40,10 @@ FILES = (*JOB, "job_not_finished", "job_failed", "job_cancelled", "storage_unava
 
 def errors(*codes: str) -> Responses:
     """Return the OpenAPI responses of these problems and of those of every route, all of one shape, with examples."""
-    schema = ProblemDetail.model_json_schema()
     found: Responses = {}
     for code in (*EVERYWHERE, *codes):
         problem = Problem(code, "What happened, in a sentence.")
-        media: dict[str, Any] = {"schema": schema, "examples": {}}
+        media: dict[str, Any] = {"schema": {"$ref": "#/components/schemas/ProblemDetail"}, "examples": {}}
         response = {"description": HTTPStatus(problem.status).phrase, "content": {MEDIA_TYPE: media}}
         examples = found.setdefault(problem.status, response)["content"][MEDIA_TYPE]["examples"]
         examples[code] = {"summary": problem.title, "value": problem.body("/path/of/the/request")}
@@ -78,7 +83,7 @@ DENOISE_BODY = {
             "schema": {
                 "type": "object",
                 "required": ["file"],
-                "properties": {"file": {"type": "string", "format": "binary"}} | _fields(),
+                "properties": {"file": {"type": "string", "format": "binary"}},
             }
         },
     }
@@ -123,8 +128,8 @@ RESULT_RESPONSES: Responses = (
     NOT_MODIFIED
     | errors(*FILES, "not_acceptable", "range_not_satisfiable", *_CONVERTED)
     | {
-        200: {"description": "The cloud", "content": dict.fromkeys(MEDIA_TYPES.values(), _BINARY)},
-        206: {"description": "One range of it"},
+        200: {"description": "The cloud", "content": dict.fromkeys((OCTETS, *MEDIA_TYPES.values()), _BINARY)},
+        206: {"description": "One range of it", "content": {OCTETS: _BINARY}},
     }
 )
 EVENTS: Responses = {
@@ -144,10 +149,52 @@ DISPLAY_RESPONSES: Responses = (
     NOT_MODIFIED
     | errors(*FILES, "display_not_found")
     | {
-        200: {"description": "Binary glTF", "content": {"model/gltf-binary": _BINARY}},
+        200: {"description": "Binary glTF", "content": dict.fromkeys((OCTETS, "model/gltf-binary"), _BINARY)},
     }
 )
+CANCELLED: Responses = {
+    200: {"model": JobView, "description": "The job is cancelled"},
+    202: {"model": JobView, "description": "The worker was asked to stop"},
+}
 DELETED: Responses = {
     202: {"model": JobView, "description": "The worker was asked to stop"},
     204: {"description": "The finished job was removed"},
 }
+
+
+def install(app: FastAPI) -> None:
+    """Let `app` describe itself by a document that says each thing once."""
+    by_framework = app.openapi
+
+    def document() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _shared(by_framework())
+        return app.openapi_schema
+
+    app.openapi = document  # type: ignore[method-assign]
+
+
+def _shared(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the document with examples, and responses that several routes have, moved to its components."""
+    components = document["components"]
+    examples = components.setdefault("examples", {})
+    errors_ = [(responses, status) for responses in _responses(document) for status in responses if status >= "400"]
+    for responses, status in errors_:
+        media = responses[status]["content"][MEDIA_TYPE]
+        examples |= media["examples"]
+        media["examples"] = {code: {"$ref": f"#/components/examples/{code}"} for code in media["examples"]}
+    written = Counter(json.dumps(responses[status]) for responses, status in errors_)
+    names: dict[str, str] = {}
+    for responses, status in errors_:
+        text = json.dumps(responses[status])
+        if written[text] > 1:
+            name = names.setdefault(text, f"Problem{status}_{len(names)}")
+            components.setdefault("responses", {})[name] = json.loads(text)
+            responses[status] = {"$ref": f"#/components/responses/{name}"}
+    return document
+
+
+def _responses(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            yield operation["responses"]

@@ -57,6 +57,7 @@ EXAMPLE: dict[str, Any] = {
     "links": {
         "self": "/jobs/0f8fad5bd9cb469fa16570867728950e",
         "events": "/jobs/0f8fad5bd9cb469fa16570867728950e/events",
+        "cancel": "/jobs/0f8fad5bd9cb469fa16570867728950e/cancel",
     },
 }
 
@@ -123,6 +124,7 @@ def job_view(job: Job, outlook: Outlook) -> JobView:
     links = {"self": f"/jobs/{job.id}"}
     if job.live:
         links["events"] = f"/jobs/{job.id}/events"
+        links["cancel"] = f"/jobs/{job.id}/cancel"
     if job.status == "succeeded":
         links["result"] = f"/jobs/{job.id}/result"
         links["display"] = f"/jobs/{job.id}/display"

@@ -80,13 +80,13 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     Raises
     ------
     Problem
-        422, naming every parameter that is unknown, given twice or out of range.
+        422, naming every parameter that is unknown, out of range, or given twice with different values.
     """
     values: dict[str, str] = {}
     twice = []
     for name, value in given:
-        if name in values:
-            twice.append({"loc": (name,), "msg": "given more than once"})
+        if values.get(name, value) != value:
+            twice.append({"loc": (name,), "msg": "given twice, with different values"})
         values[name] = value
     if twice:
         raise from_validation(twice)

@@ -21,6 +21,7 @@ from ..intake.parameters import only_query
 from ..intake.submission import accept
 from ..openapi import (
     CALLER,
+    CANCELLED,
     DELETED,
     DENOISE_BODY,
     DENOISE_PARAMETERS,
@@ -133,14 +134,38 @@ async def follow(
     return events.respond(follower, last_event_id)
 
 
+@router.post(
+    "/jobs/{job_id}/cancel",
+    response_model=JobView,
+    dependencies=[Depends(only_query())],
+    responses=CANCELLED | errors(*JOB, "already_finished", "precondition_failed"),
+)
+def cancel(request: Request, state: StateIn, job: JobIn) -> Response:
+    """Cancel a live job; a job that has just finished keeps its result, and the answer says so."""
+    _check_unchanged(request, state, job)
+    now = state.jobs.cancel(job) if job.live else job
+    if now is None:
+        raise problems.job_expired()
+    if now.status in ("succeeded", "failed"):
+        raise Problem(
+            "already_finished",
+            f"The job has {now.status} and cannot be cancelled any more.",
+            hint=f"Its result stays: GET /jobs/{now.id}/result. DELETE /jobs/{now.id} removes it."
+            if now.status == "succeeded"
+            else f"DELETE /jobs/{now.id} removes it.",
+        )
+    return _shown(request, state, now, 202 if now.live else 200)
+
+
 @router.delete(
     "/jobs/{job_id}",
     response_model=JobView,
     dependencies=[Depends(only_query())],
-    responses=DELETED | errors(*JOB, "storage_unavailable"),
+    responses=DELETED | errors(*JOB, "precondition_failed", "storage_unavailable"),
 )
 def delete(request: Request, state: StateIn, job: JobIn) -> Response:
-    """Cancel a live job, or remove a finished one; upload and result are removed either way."""
+    """Remove a finished job, or cancel a live one and remove its upload; `cancel` never removes a result."""
+    _check_unchanged(request, state, job)
     if job.status in FINISHED:
         state.jobs.remove(job)
         return Response(status_code=204)
@@ -208,10 +233,28 @@ def _shown(request: Request, state: State, job: Job, status: int) -> Response:
     if job.live:
         response.headers["Retry-After"] = "1" if job.status == "cancelling" else retry_after(outlook)
     if status == 200 and request.method == "GET":
-        etag = f'"{hashlib.sha256(response.body).hexdigest()[:32]}"'
+        etag = _etag(bytes(response.body))
         if results.matches(request.headers.get("if-none-match"), etag):
             kept = {name: response.headers[name] for name in ("retry-after",) if name in response.headers}
             return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "private, no-cache"} | kept)
         response.headers["ETag"] = etag
     response.headers["Cache-Control"] = "private, no-cache"
     return response
+
+
+def _etag(body: bytes) -> str:
+    return f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+
+
+def _check_unchanged(request: Request, state: State, job: Job) -> None:
+    """Raise 412 where ``If-Match`` names another state of the job than that of now (RFC 9110, section 13.1.1)."""
+    wanted = request.headers.get("if-match")
+    if wanted is None or wanted.strip() == "*":
+        return
+    now = _etag(bytes(JSONResponse(job_view(job, state.jobs.outlook(job)).model_dump(mode="json")).body))
+    if now not in [tag.strip() for tag in wanted.split(",")]:
+        raise Problem(
+            "precondition_failed",
+            "The job is not in the state that If-Match names.",
+            hint=f"Look at it again: GET /jobs/{job.id}. Send its ETag, or leave If-Match out.",
+        )

@@ -6,6 +6,7 @@ import httpx
 
 from service.api.error_handlers import ProblemDetail
 from service.api.schemas import EXAMPLE, JobView
+from tests.support.openapi import pointed
 
 EVERYWHERE = {
     "headers_too_slow", "headers_too_large", "cross_site", "internal_error", "too_busy", "database_unavailable",
@@ -24,7 +25,8 @@ ERRORS = {
     },
     ("get", "/jobs"): CALLER | {"invalid_parameters"},
     ("get", "/jobs/{job_id}"): JOB,
-    ("delete", "/jobs/{job_id}"): JOB | {"storage_unavailable"},
+    ("delete", "/jobs/{job_id}"): JOB | {"precondition_failed", "storage_unavailable"},
+    ("post", "/jobs/{job_id}/cancel"): JOB | {"already_finished", "precondition_failed"},
     ("get", "/jobs/{job_id}/events"): JOB,
     ("get", "/jobs/{job_id}/result"): FILES | {
         "not_acceptable", "range_not_satisfiable", "not_enough_memory", "took_too_long", "disk_full",
@@ -46,7 +48,8 @@ def test_openapi_shows_every_route_and_error(api: httpx.Client) -> None:
     document = api.get("/openapi.json").json()
     assert document["openapi"].startswith("3.1")
     assert set(document["paths"]) == {"/denoise", "/jobs", "/jobs/{job_id}", "/jobs/{job_id}/result",
-                                      "/jobs/{job_id}/events", "/jobs/{job_id}/display", "/models",
+                                      "/jobs/{job_id}/events", "/jobs/{job_id}/display", "/jobs/{job_id}/cancel",
+                                      "/models",
                                       "/livez", "/readyz", "/metrics", "/v2", "/v2/health/live", "/v2/health/ready",
                                       "/v2/models/{model}", "/v2/models/{model}/ready"}  # fmt: skip
     found = {}
@@ -56,9 +59,11 @@ def test_openapi_shows_every_route_and_error(api: httpx.Client) -> None:
             for status, body in operation["responses"].items():
                 if status[0] not in "45":
                     continue
-                ((media_type, content),) = body["content"].items()
+                ((media_type, content),) = pointed(document, body)["content"].items()
                 assert media_type == "application/problem+json"
-                for code, example in content["examples"].items():
+                assert content["schema"] == {"$ref": "#/components/schemas/ProblemDetail"}
+                for code, reference in content["examples"].items():
+                    example = pointed(document, reference)
                     assert (example["value"]["code"], str(example["value"]["status"])) == (code, status)
                     ProblemDetail.model_validate(example["value"])
                 codes |= set(content["examples"])
@@ -69,3 +74,17 @@ def test_openapi_shows_every_route_and_error(api: httpx.Client) -> None:
     assert job == {name: value for name, value in EXAMPLE.items() if value is not None}  # as FastAPI shows it
     assert set(JobView.model_validate(EXAMPLE).model_dump()) == set(EXAMPLE)
     assert "multipart/form-data" in document["paths"]["/denoise"]["post"]["requestBody"]["content"]
+
+
+def test_openapi_says_each_thing_once(api: httpx.Client) -> None:
+    response = api.get("/openapi.json")
+    assert len(response.content) < 60_000
+    document = response.json()
+    denoise = document["paths"]["/denoise"]["post"]
+    form = denoise["requestBody"]["content"]["multipart/form-data"]["schema"]["properties"]
+    assert set(form) == {"file"}
+    assert "iterations" in [parameter["name"] for parameter in denoise["parameters"]]
+    assert response.text.count("What this code means") == 1
+    assert (
+        "application/octet-stream" in document["paths"]["/jobs/{job_id}/result"]["get"]["responses"]["200"]["content"]
+    )

@@ -142,7 +142,7 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
         ("model=../x", "model: there is no such model."),
         ("normals=none", "'auto', 'pca' or 'input'"),
         ("nonfinite=keep", "'reject' or 'drop'"),
-        ("seed=1&seed=2", "given more than once"),
+        ("seed=1&seed=2", "given twice, with different values"),
     ],
 )
 def test_bad_parameters(api: httpx.Client, small: Path, query: str, words: str) -> None:

@@ -52,6 +52,37 @@ def test_cancelling_a_queued_and_a_running_job(running: Service, tmp_path: Path)
         assert running.client.delete(f"/jobs/{job['id']}").status_code == 204
 
 
+def test_cancelling_never_removes_a_result(running: Service, done: dict[str, Any]) -> None:
+    for _ in range(2):
+        response = running.client.post(f"/jobs/{done['id']}/cancel")
+        assert (response.status_code, response.json()["code"]) == (409, "already_finished")
+        assert "result" in response.json()["hint"]
+    assert running.client.get(f"/jobs/{done['id']}/result").status_code == 200
+
+
+def test_cancel_is_a_route_of_its_own(api: httpx.Client, small: Path) -> None:
+    job = api.post("/denoise", files={"file": small.read_bytes()}).json()
+    assert job["links"]["cancel"] == f"/jobs/{job['id']}/cancel"
+    for _ in range(2):  # the second finds it cancelled
+        response = api.post(job["links"]["cancel"])
+        assert (response.status_code, response.json()["status"]) == (200, "cancelled")
+    assert "cancel" not in response.json()["links"]
+    assert api.post(f"/jobs/{'0' * 32}/cancel").json()["code"] == "job_not_found"
+
+
+def test_if_match_guards_against_a_change(api: httpx.Client, small: Path) -> None:
+    job = api.post("/denoise", files={"file": small.read_bytes()}).json()
+    link = job["links"]["self"]
+    before = api.get(link).headers["etag"]
+    stale = {"If-Match": '"another"'}
+    for response in (api.delete(link, headers=stale), api.post(f"{link}/cancel", headers=stale)):
+        assert (response.status_code, response.json()["code"]) == (412, "precondition_failed")
+    assert api.get(link).json()["status"] == "queued"
+    assert api.post(f"{link}/cancel", headers={"If-Match": f'"another", {before}'}).status_code == 200
+    assert api.delete(link, headers={"If-Match": before}).status_code == 412, "it was of the queued job"
+    assert api.delete(link, headers={"If-Match": "*"}).status_code == 204
+
+
 def test_models(running: Service) -> None:
     models = {model["name"]: model for model in running.client.get("/models").json()}
     assert models["pcdnf-lite"]["default"] is True
