@@ -10,7 +10,7 @@ import pytest
 from fastapi import FastAPI, HTTPException
 from sqlalchemy.exc import OperationalError
 
-from service import problems
+from service.api import error_handlers
 from service.problems import CATALOGUE, Problem
 from service.settings import Settings
 from tests.support.service_process import Served
@@ -20,7 +20,7 @@ from tests.support.service_process import Served
 def client() -> Iterator[httpx.Client]:
     app = FastAPI()
     app.state.settings = Settings()
-    problems.install(app)
+    error_handlers.install(app)
 
     @app.get("/number/{value}")
     async def number(value: int) -> int:

@@ -17,6 +17,7 @@ from ...settings import Settings
 from .. import schemas
 
 SEED_LIMIT = 2**32
+_CASED = ("model",)  # values whose case means something
 
 
 def _iterations(value: int | str) -> int | str:
@@ -84,7 +85,8 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     """
     values: dict[str, str] = {}
     twice = []
-    for name, value in given:
+    for name, text in given:
+        value = text.strip() if name in _CASED else text.strip().lower()
         if values.get(name, value) != value:
             twice.append({"loc": (name,), "msg": "given twice, with different values"})
         values[name] = value

@@ -152,9 +152,20 @@ def test_bad_parameters(api: httpx.Client, small: Path, query: str, words: str) 
 
 
 def test_bad_parameters_in_the_form(api: httpx.Client, small: Path) -> None:
-    for query, fields in (("", {"iterations": "9"}), ("", {"speed": "1"}), ("?seed=1", {"seed": "1"})):
+    for query, fields in (("", {"iterations": "9"}), ("", {"speed": "1"}), ("?seed=1", {"seed": "2"})):
         response = api.post(f"/denoise{query}", files={"file": small.read_bytes()}, data=fields)
         assert (response.status_code, response.json()["code"]) == (422, "invalid_parameters")
+
+
+def test_the_same_value_twice_and_in_any_case_is_no_fault(api: httpx.Client, small: Path) -> None:
+    query = "?seed=1&fast=FALSE&normals=Auto"
+    fields = {"seed": "1", "outliers": "KEEP", "radius": "AUTO", "iterations": "Auto"}
+    response = api.post(f"/denoise{query}", files={"file": small.read_bytes()}, data=fields)
+    assert response.status_code == 202
+    found = response.json()["parameters"]
+    assert [found[name] for name in ("seed", "normals", "outliers", "radius", "iterations")] == [
+        1, "auto", "keep", "auto", "auto",
+    ]  # fmt: skip
 
 
 def test_too_large_by_its_length_and_as_it_arrives(make_api: MakeApi, tmp_path: Path, small: Path) -> None:
