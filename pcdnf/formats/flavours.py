@@ -136,7 +136,19 @@ class LasFlavour:
 
 @dataclass(frozen=True)
 class E57Flavour:
-    """The scans of an E57 that have points, in file order."""
+    """How an E57 stored its points.
+
+    Attributes
+    ----------
+    scans : tuple of Scan
+        Those that have points, in file order.
+    coordinate_system : str
+        As the file spells it, WKT for instance.
+    brightest : float or None
+        The highest limit of colours, where the file has one.
+    """
 
     scans: tuple[Scan, ...] = ()
+    coordinate_system: str = ""
+    brightest: float | None = None
     format: Literal["e57"] = "e57"

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import re
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import BinaryIO, NoReturn
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ..errors import FormatError, shown
+from .facts import Fact, read_facts
 
 MAX_XML_BYTES = 16 * 1024**2
 MAX_SCANS = 1000
@@ -26,6 +27,8 @@ NORMALS_URI = "http://www.libe57.org/E57_NOR_surface_normals.txt"
 _PREFIX = re.compile(r'xmlns:([A-Za-z_][\w.-]*)\s*=\s*"([^"]*)"')
 _PAGE, _PAYLOAD = 1024, 1020
 _HEADER = struct.Struct("<8sIIQQQQ")
+_OWN = ("guid", "name", "description", "pose", "points")
+_DERIVED = ("cartesianBounds", "sphericalBounds")
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _INTEGERS = ("u1", "i1", "u2", "i2", "u4", "i4")
@@ -33,17 +36,20 @@ _INTEGERS = ("u1", "i1", "u2", "i2", "u4", "i4")
 
 @dataclass(frozen=True)
 class Field:
-    """One value a point: its name, its numpy type in memory, its bits in the file, and its name as spelled there."""
+    """One value a point: its name, its numpy type in memory, its bits in the file, its name as spelled there, and the
+    bounds of an integer."""
 
     name: str
     dtype: str
     bits: int
     path: str
+    bounds: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
 class Scan:
-    """One scan: its number in the file, its points, its pose as (w, x, y, z) and a shift, and what names it."""
+    """One scan: its number in the file, its points, its pose as (w, x, y, z) and a shift, what names it, and what else
+    the file says of it (sensor, weather, times, limits)."""
 
     number: int
     count: int
@@ -53,6 +59,7 @@ class Scan:
     guid: str
     name: str
     description: str
+    facts: tuple[Fact, ...] = ()
 
     @property
     def coordinates(self) -> tuple[str, str, str]:
@@ -60,8 +67,28 @@ class Scan:
         return _CARTESIAN if any(field.name == _CARTESIAN[0] for field in self.fields) else _SPHERICAL
 
 
-def read_scans(file: BinaryIO, size: int) -> tuple[list[Scan], list[str]]:
-    """The scans of a file of ``size`` bytes that is open at its first byte, and sentences on what is not kept.
+@dataclass(frozen=True)
+class Header:
+    """What the XML of a file says.
+
+    Attributes
+    ----------
+    scans : list of Scan
+    coordinate_system : str
+    brightest : float or None
+        The highest limit of colours.
+    notes : list of str
+        Sentences on what a result does not keep.
+    """
+
+    scans: list[Scan]
+    coordinate_system: str
+    brightest: float | None
+    notes: list[str]
+
+
+def read_scans(file: BinaryIO, size: int) -> Header:
+    """The scans of a file of ``size`` bytes that is open at its first byte.
 
     Raises
     ------
@@ -75,16 +102,19 @@ def read_scans(file: BinaryIO, size: int) -> tuple[list[Scan], list[str]]:
     nodes = root.findall("./{*}data3D/{*}vectorChild")
     if len(nodes) > MAX_SCANS:
         _too_many("scans", MAX_SCANS, len(nodes))
+    lost: set[str] = set()
     for number, node in enumerate(nodes):
-        scans.append(_scan(node, number, size, prefixes))
-    kept = {"guid", "name", "description", "pose", "points"}
-    derived = {"cartesianBounds", "sphericalBounds", "indexBounds", "intensityLimits", "colorLimits"}
-    lost = sorted({_local(child) for node in nodes for child in node} - kept - derived)
+        facts, left = read_facts(node, {*_OWN, *_DERIVED})
+        lost.update(left)
+        scans.append(replace(_scan(node, number, size, prefixes), facts=facts))
     if lost:
-        notes.append(f"An E57 result leaves out of each scan: {', '.join(shown(name) for name in lost[:12])}.")
+        notes.append(f"An E57 result leaves out of each scan: {', '.join(shown(name) for name in sorted(lost)[:12])}.")
     if root.findall("./{*}images2D/{*}vectorChild"):
         notes.append("The images of the E57 were left out: only points are kept.")
-    return scans, notes
+    limits = [fact.number("colorRedMaximum") for scan in scans for fact in scan.facts if fact.name == "colorLimits"]
+    known = [limit for limit in limits if limit is not None and limit > 0]
+    system = root.findtext("./{*}coordinateMetadata") or ""
+    return Header(scans, system, max(known) if known else None, notes)
 
 
 def _xml(file: BinaryIO, size: int) -> tuple[ElementTree.Element, dict[str, str]]:
@@ -186,7 +216,7 @@ def _field(node: ElementTree.Element, prefixes: dict[str, str]) -> Field:
     if kind == "ScaledInteger":
         return Field(name, "f8", bits, path)
     fits = (one for one in _INTEGERS if np.iinfo(one).min <= least and most <= np.iinfo(one).max)
-    return Field(name, next(fits, "i8"), bits, path)
+    return Field(name, next(fits, "i8"), bits, path, (least, most))
 
 
 def _spelled(node: ElementTree.Element, prefixes: dict[str, str]) -> tuple[str, str]:
@@ -195,10 +225,6 @@ def _spelled(node: ElementTree.Element, prefixes: dict[str, str]) -> tuple[str, 
     prefix = prefixes.get(space)
     path = f"{prefix}:{local}" if prefix else local
     return (f"nor:{local}" if space == NORMALS_URI else path), path
-
-
-def _local(node: ElementTree.Element) -> str:
-    return node.tag.rpartition("}")[2]
 
 
 def _whole(text: str) -> int:
