@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -13,14 +14,14 @@ from ..errors import FormatError, shown
 from ..flavours import LasFlavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
-from .columns import las_columns, new_flavour, sixteen_bit_colours
+from ..roles import find_normals, free_normals
+from .assembly import LARGEST_RECORD, Assembly
+from .columns import fits_copc, las_attributes, las_columns, new_flavour
+from .copc import is_copc, octree, without_copc
 from .grid import Grid, grid_for, snapped
-from .header import COMPRESSED, VLR, Header, Record, is_scaled, read_header
-from .laz import Compressor, inflated
-from .points import EXTRA_ENTRY, Extra, pack, record_dtype, unpack
-
-NORMAL_NAMES = (("NormalX", "NormalY", "NormalZ"), ("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz"))
-"""Extra dimensions that are normals, the first ones found count; new ones take the first that are free."""
+from .header import Header, Record, is_scaled, read_header
+from .laz import inflated
+from .points import pack, record_dtype, unpack
 
 _NOTES = b"pcdnf"
 _METADATA, _COMMENTS = 1, 2
@@ -77,7 +78,8 @@ def _cloud(header: Header, rows: NDArray[Any], tail: bytes) -> PointCloud:
         f"The dimension {shown(name)} has a scale; other formats get the whole numbers that are stored."
         for name in scaled
     ]
-    found = next((names for names in NORMAL_NAMES if _are_floats(columns, names, scaled)), None)
+    found = find_normals(name for name in columns if columns[name].dtype.kind == "f" and name not in scaled)
+    found = found if found and _are_floats(columns, found, scaled) else None
     normals = None if found is None else np.stack([columns.pop(name) for name in found], axis=1)
     texts = {
         record.number: record.data.decode("utf-8", "replace") for record in header.records if record.user == _NOTES
@@ -99,7 +101,7 @@ def _cloud(header: Header, rows: NDArray[Any], tail: bytes) -> PointCloud:
             point_format=header.point_format,
             extras=header.extras,
             grid=Grid(header.scales, header.offsets),
-            normals=found or next(names for names in NORMAL_NAMES if columns.keys().isdisjoint(names)),
+            normals=found or free_normals(columns, ("NormalX", "NormalY", "NormalZ")),
         ),
         warnings=warnings,
     )
@@ -111,8 +113,17 @@ def _are_floats(columns: dict[str, NDArray[Any]], names: tuple[str, str, str], s
     return kinds in ({"f4"}, {"f8"}) and not set(names) & set(scaled)
 
 
-def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool) -> list[str]:
+def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool, copc: bool = False) -> list[str]:
     """Write a cloud as it came, or as LAS 1.4 when it came as something else.
+
+    Parameters
+    ----------
+    file : seekable binary file
+    cloud : PointCloud
+    compressed : bool
+        Whether to write a LAZ.
+    copc : bool
+        Whether to write the LAZ as a COPC; the points must be in the order of :func:`arranged`.
 
     Returns
     -------
@@ -126,17 +137,18 @@ def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool) -> list[st
     """
     attributes, notes = numeric_attributes(cloud, "LAS")
     notes += [f"LAS holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
-    flavour = cloud.flavour if isinstance(cloud.flavour, LasFlavour) else new_flavour(attributes, compressed)
-    if not isinstance(cloud.flavour, LasFlavour):
-        attributes = sixteen_bit_colours(attributes)
-    known = flavour.grid if isinstance(cloud.flavour, LasFlavour) else None
-    grid, told = grid_for(cloud.points, known)
-    notes += told
+    known = cloud.flavour if isinstance(cloud.flavour, LasFlavour) else None
+    if known is None or (copc and not fits_copc(known)):
+        attributes, told = las_attributes(attributes, cloud.brightest)
+        flavour = new_flavour(attributes, compressed, known)
+    else:
+        flavour, told = (known, []) if copc else _without_index(known)
+    grid, refined = grid_for(cloud.points, known.grid if known else None)
     columns, extras = las_columns(cloud, attributes, flavour)
     dtype = record_dtype(flavour.point_format, extras)
-    if dtype.itemsize > _LARGEST_RECORD:
+    if dtype.itemsize > LARGEST_RECORD:
         raise FormatError(
-            f"A point of this cloud takes {dtype.itemsize} bytes; LAS holds {_LARGEST_RECORD}.",
+            f"A point of this cloud takes {dtype.itemsize} bytes; LAS holds {LARGEST_RECORD}.",
             code="cannot_store",
             hint="Write an NPZ instead.",
         )
@@ -145,79 +157,34 @@ def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool) -> list[st
         rows[axis] = values
     left = pack(rows, columns, flavour.point_format, extras)
     assert not left, "every column that fits no field was given an extra dimension"
-    _write_file(file, cloud, flavour, grid, extras, rows, compressed)
-    return notes
-
-
-def _write_file(
-    file: BinaryIO,
-    cloud: PointCloud,
-    flavour: LasFlavour,
-    grid: Grid,
-    extras: tuple[Extra, ...],
-    rows: NDArray[Any],
-    compressed: bool,
-) -> None:
-    records = [*flavour.records, *_notes(cloud)]
-    listed = b"".join(extra.entry or _undocumented(extra) for extra in extras)
-    records += [Record(b"LASF_Spec", 4, b"", listed)] if extras else []
-    compressor = None
-    if compressed:
-        compressor = Compressor(flavour.point_format, sum(extra.size for extra in extras))
-        records.append(Record(b"laszip encoded", 22204, b"", compressor.record))
-    too_long = next((record for record in records if len(record.data) > _LARGEST_RECORD), None)
-    if too_long is not None:
-        raise FormatError(
-            f"The cloud needs {len(too_long.data)} bytes in a record of the header; LAS holds {_LARGEST_RECORD}.",
-            code="cannot_store",
-            hint="Remove comments or columns, or write an NPZ.",
-        )
-    packed = b"".join(VLR.pack(b"", one.user, one.number, len(one.data), one.description) + one.data for one in records)
-    header = bytearray(flavour.header)
-    start = len(header) + len(packed) + len(flavour.gap)
-    struct.pack_into("<II", header, 96, start, len(records))
-    struct.pack_into("<BH", header, 104, flavour.point_format | (COMPRESSED if compressed else 0), rows.dtype.itemsize)
-    file.write(bytes(header) + packed + flavour.gap)
-    if compressor is not None:
-        compressor.write(file, rows)
+    assembly = Assembly(flavour, grid, extras, rows, [*flavour.records, *_notes(cloud)])
+    if copc:
+        assembly.write_copc(file, octree(cloud.points, grid))
+    elif compressed:
+        assembly.write_laz(file)
     else:
-        for at in range(0, len(rows), _ROWS_PER_WRITE):
-            file.write(rows[at : at + _ROWS_PER_WRITE].tobytes())
-    file.seek(0, 2)
-    end = file.tell()
-    file.write(flavour.tail)
-    _fill_header(header, rows, grid, end, flavour)
-    file.seek(0)
-    file.write(header)
-    file.seek(0, 2)
+        assembly.write_las(file)
+    return notes + told + refined
 
 
-def _fill_header(header: bytearray, rows: NDArray[Any], grid: Grid, end: int, flavour: LasFlavour) -> None:
-    """Counts, bounds, and where the tail went."""
-    minor, count = header[25], len(rows)
-    mask = 0x0F if flavour.point_format >= 6 else 0x07
-    returns = np.bincount(np.clip(rows["returns"] & mask, 0, 15), minlength=16)[1:]
-    if minor < _NEWEST or flavour.point_format < 6:
-        struct.pack_into("<I5I", header, 107, count, *returns[:5].tolist())
-    if minor == _NEWEST:
-        if flavour.point_format >= 6:
-            struct.pack_into("<I5I", header, 107, 0, 0, 0, 0, 0, 0)
-        struct.pack_into("<Q15Q", header, 247, count, *returns.tolist())
-        struct.pack_into("<Q", header, 235, end if flavour.tail else 0)
-    if minor >= 3:
-        (wave,) = struct.unpack_from("<Q", header, 227)
-        if wave >= flavour.tail_start > 0:
-            struct.pack_into("<Q", header, 227, wave - flavour.tail_start + end)
-    bounds = []
-    for index, axis in enumerate("XYZ"):
-        for stored in (rows[axis].max(), rows[axis].min()):
-            bounds.append(float(stored) * grid.scales[index] + grid.offsets[index])
-    struct.pack_into("<3d3d6d", header, 131, *grid.scales, *grid.offsets, *bounds)
+def _without_index(flavour: LasFlavour) -> tuple[LasFlavour, list[str]]:
+    """The flavour without the index of a COPC, which holds for the file it came in only."""
+    if not is_copc(flavour.records):
+        return flavour, []
+    records, tail, count = without_copc(flavour.records, flavour.tail)
+    header = bytearray(flavour.header)
+    struct.pack_into("<I", header, 243, count)
+    note = "The index of the COPC was left out, as it holds for that file only; name the result .copc.laz to get one."
+    return replace(flavour, header=bytes(header), records=records, tail=tail), [note]
 
 
-def _undocumented(extra: Extra) -> bytes:
-    """An entry for bytes that the file did not list."""
-    return EXTRA_ENTRY.pack(b"", 0, min(extra.count, 255), extra.name.encode()[:32], *[b""] * 6, b"")
+def arranged(cloud: PointCloud) -> tuple[PointCloud, list[str]]:
+    """The cloud in the order that a COPC asks for, and a note on that."""
+    known = cloud.flavour.grid if isinstance(cloud.flavour, LasFlavour) else None
+    order = octree(cloud.points, grid_for(cloud.points, known)[0]).order
+    if np.array_equal(order, np.arange(len(order))):
+        return cloud, []
+    return cloud.only(order), ["A COPC holds its points by the nodes of an octree: their order is another one."]
 
 
 def _notes(cloud: PointCloud) -> list[Record]:

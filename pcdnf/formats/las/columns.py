@@ -8,31 +8,76 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..attributes import CHANNELS, eight_bit_colours
+from ..attributes import renamed, with_colours, with_intensity
+from ..colours import WORD
 from ..flavours import LasFlavour
 from ..point_cloud import PointCloud
+from ..roles import CHANNELS
+from .copc import FORMATS
+from .grid import Grid
 from .points import RECORDS, Extra, bits_of, new_extra, pack, record_dtype
 
+_DEGREES = 0.006
+_INTEGERS = {name for name, kind, *_ in RECORDS[8][3:] if "f" not in kind}
+_INTEGERS |= {part for form in (0, 6) for parts in bits_of(form).values() for part, _ in parts} | {"scan_angle_rank"}
 
-def new_flavour(attributes: dict[str, NDArray[Any]], compressed: bool) -> LasFlavour:
-    """LAS 1.4 with the point format that holds the colours there are."""
+
+def new_flavour(attributes: dict[str, NDArray[Any]], compressed: bool, known: LasFlavour | None = None) -> LasFlavour:
+    """LAS 1.4 with the point format that holds the colours there are.
+
+    Parameters
+    ----------
+    attributes : dict of str to (N, ...) array
+    compressed : bool
+    known : LasFlavour, optional
+        One of an older point format, whose identifiers and records are kept.
+    """
     has_colour = all(name in attributes for name in CHANNELS)
     header = bytearray(375)
     header[:4] = b"LASF"
     struct.pack_into("<HBB", header, 6, 0x10, 0, 0)
-    header[24:26] = b"\x01\x04"
     header[26:31] = b"pcdnf"
     header[58:63] = b"pcdnf"
+    if known is not None:
+        header[4:94] = known.header[4:94]
+    header[24:26] = b"\x01\x04"
     struct.pack_into("<HH", header, 94, 375, 0)
-    return LasFlavour(format="laz" if compressed else "las", header=bytes(header), point_format=7 if has_colour else 6)
+    return LasFlavour(
+        format="laz" if compressed else "las",
+        header=bytes(header),
+        records=known.records if known else (),
+        point_format=(8 if "nir" in attributes else 7) if has_colour else 6,
+        grid=known.grid if known else Grid(),
+        normals=known.normals if known else ("NormalX", "NormalY", "NormalZ"),
+    )
 
 
-def sixteen_bit_colours(attributes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Colours of 8 bits spread over 16, as LAS asks for."""
-    table = eight_bit_colours(attributes)
-    if table is None:
-        return attributes
-    return attributes | {name: table[:, index].astype(np.uint16) * 257 for index, name in enumerate(CHANNELS)}
+def fits_copc(flavour: LasFlavour) -> bool:
+    """Whether points of this flavour may be in a COPC."""
+    return flavour.point_format in FORMATS and flavour.header[25] == 4
+
+
+def las_attributes(
+    attributes: dict[str, NDArray[Any]], brightest: float | None = None
+) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Columns of another format under the names, and in the ranges, of LAS; and notes on what that loses.
+
+    Colours and intensity are spread over 16 bits; whole numbers that are stored as floats become integers.
+    """
+    named = renamed(attributes)
+    if "scan_angle_rank" in named and "scan_angle" not in named:  # whole degrees, which LAS 1.4 counts by 0.006
+        named["scan_angle"] = np.rint(named.pop("scan_angle_rank").astype(np.float64) / _DEGREES).astype(np.int64)
+    columns, notes = with_colours(named, WORD, "LAS", brightest)
+    columns, told = with_intensity(columns, "LAS")
+    return {name: _whole(name, column) for name, column in columns.items()}, notes + told
+
+
+def _whole(name: str, column: NDArray[Any]) -> NDArray[Any]:
+    """A column of one of LAS' own integers as such, where all its values are whole."""
+    if name not in _INTEGERS or column.dtype.kind != "f" or not np.isfinite(column).all():
+        return column
+    whole = np.rint(column).astype(np.int64)
+    return whole if np.array_equal(whole, column) else column
 
 
 def las_columns(

@@ -23,8 +23,9 @@ VLR = struct.Struct("<2s16sHH32s")
 EVLR = struct.Struct("<2s16sHQ32s")
 COMPRESSED = 0x80
 
-_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375}
-_HIGHEST_FORMAT = {0: 1, 1: 1, 2: 3, 3: 5, 4: 10}
+_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}
+_HIGHEST_FORMAT = {0: 1, 1: 1, 2: 3, 3: 5, 4: 10, 5: 10}
+_POINTWISE = 1
 _LASZIP = (b"laszip encoded", 22204)
 _EXTRA_BYTES = (b"LASF_Spec", 4)
 _ITEM = struct.Struct("<HHH")
@@ -86,12 +87,12 @@ def read_header(file: BinaryIO, size: int) -> Header:
     FormatError
         ``bad_header``, ``header_too_long``, ``truncated``, ``trailing_data`` or ``too_many_elements``.
     """
-    raw = file.read(_SIZES[4])
+    raw = file.read(_SIZES[5])
     if len(raw) < _SIZES[0]:
         _truncated(_SIZES[0], size)
     major, minor = raw[24], raw[25]
     if major != 1 or minor not in _SIZES:
-        _bad(f"version {major}.{minor} is none of 1.0 to 1.4")
+        _bad(f"version {major}.{minor} is none of 1.0 to 1.5")
     header_size, start, record_count = struct.unpack_from("<HII", raw, 94)
     if header_size < _SIZES[minor] or start < header_size:
         _bad(f"a header of {header_size} bytes before points at {start} cannot be")
@@ -112,7 +113,7 @@ def read_header(file: BinaryIO, size: int) -> Header:
     if point_format > _HIGHEST_FORMAT[minor]:
         _bad(f"version 1.{minor} has no point format {point_format}")
     evlr_start = evlr_count = 0
-    if minor == 4:
+    if minor >= 4:
         evlr_start, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         if count and long_count and count != long_count:
             _bad(f"it declares {count} points and {long_count}")
@@ -225,10 +226,14 @@ def _check_compression(file: BinaryIO, header: Header, size: int) -> None:
     data = header.compression
     if len(data) < _LASZIP_FIXED.size:
         _bad("it is compressed and has no record on that")
-    compressor, _, _, _, _, _, chunk, _, _, items = _LASZIP_FIXED.unpack_from(data)
+    compressor, _, _, _, _, _, _, _, _, items = _LASZIP_FIXED.unpack_from(data)
     sizes = [_ITEM.unpack_from(data, at)[1] for at in range(_LASZIP_FIXED.size, len(data) - _ITEM.size + 1, _ITEM.size)]
-    if len(sizes) != items or sum(sizes) != header.stride or compressor not in (2, 3) or chunk == 0:
+    if len(sizes) != items or sum(sizes) != header.stride or compressor not in (1, 2, 3):
         _bad("its record on compression does not agree with its points")
+    if compressor == _POINTWISE:
+        if not header.start < header.end <= size:
+            _truncated(max(header.end, header.start + 1), size)
+        return
     if header.end > size or header.start + 8 > header.end:
         _truncated(max(header.end, header.start + 8), size)
     file.seek(header.start)
@@ -251,14 +256,14 @@ def _check_tail(file: BinaryIO, header: Header, size: int, start: int, count: in
         _bad("its extended records do not follow the points")
     if header.minor < 3 and not header.compression:
         count = 0
-    while position < size and (seen < count if header.minor == 4 else header.minor == 3):
+    while position < size and (seen < count if header.minor >= 4 else header.minor == 3):
         file.seek(position)
         head = file.read(EVLR.size)
         if len(head) < EVLR.size or seen == MAX_RECORDS:
             break
         position += EVLR.size + EVLR.unpack(head)[3]
         seen += 1
-    if position > size or (header.minor == 4 and seen < count):
+    if position > size or (header.minor >= 4 and seen < count):
         _truncated(max(position, size + 1), size)
     if position < size:
         raise FormatError(

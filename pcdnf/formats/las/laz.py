@@ -6,6 +6,7 @@ allocates a layer on the word of that size.
 
 from __future__ import annotations
 
+import io
 import struct
 from typing import Any, BinaryIO, NoReturn
 
@@ -26,7 +27,10 @@ _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 """Layers of the items of points, colours, colours with infrared, and wave packets; extra bytes (14) have one a byte."""
 _EXTRA_BYTES = 14
 _LAYERED = 3
+_POINTWISE, _CHUNKED = 1, 2
+_CHUNK_AT = 12
 _VARIABLE = 2**32 - 1
+_NEWEST_ITEMS = 3
 _ROWS_PER_WRITE = 1 << 18
 
 
@@ -41,6 +45,7 @@ def inflated(file: BinaryIO, header: Header, size: int, limits: Limits) -> bytea
     check_available("laz")
     import lazrs
 
+    _check_versions(header)
     chunk, layers = _check_items(header, lazrs)
     total = header.count * header.stride
     for limit, code, what in (
@@ -60,12 +65,49 @@ def inflated(file: BinaryIO, header: Header, size: int, limits: Limits) -> bytea
     file.seek(header.start)
     data = bytearray(total)
     try:
-        lazrs.LasZipDecompressor(file, header.compression).decompress_many(data)
+        source, record = _chunked(file, header, lazrs)
+        lazrs.LasZipDecompressor(source, record).decompress_many(data)
     except (FormatError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException:  # its panics are no Exception
         _damaged()
     return data
+
+
+def _chunked(file: BinaryIO, header: Header, lazrs: Any) -> tuple[BinaryIO, bytes]:
+    """The compressed points and their record as ``lazrs`` takes them.
+
+    It knows variable chunks by one of their two marks, and points that are not in chunks (LASzip 1) not at all:
+    these are given to it as a single chunk.
+    """
+    record = bytearray(header.compression)
+    compressor, _, _, _, _, _, chunk, *_ = _FIXED.unpack_from(record)
+    if chunk == 0:
+        struct.pack_into("<I", record, _CHUNK_AT, _VARIABLE)
+    if compressor != _POINTWISE:
+        return file, bytes(record)
+    struct.pack_into("<H", record, 0, _CHUNKED)
+    struct.pack_into("<I", record, _CHUNK_AT, header.count)
+    stream = file.read(header.end - header.start)
+    whole = io.BytesIO(struct.pack("<q", header.start + 8 + len(stream)) + stream)
+    shifted = io.BytesIO(bytes(header.start) + whole.getvalue())
+    shifted.seek(0, io.SEEK_END)
+    lazrs.write_chunk_table(shifted, [(header.count, len(stream))], lazrs.LazVlr(bytes(record)))
+    shifted.seek(header.start)
+    return shifted, bytes(record)
+
+
+def _check_versions(header: Header) -> None:
+    """Say of a compression that is newer than the library that it is newer, not that the file is damaged."""
+    newest = max((version for _, _, version in _ITEM.iter_unpack(header.compression[_FIXED.size :])), default=0)
+    if newest > _NEWEST_ITEMS:
+        raise FormatError(
+            f"The LAZ is compressed by a newer LASzip (items of version {newest}); up to {_NEWEST_ITEMS} can be read.",
+            code="unsupported_compression",
+            hint="Convert it to an uncompressed LAS, or compress it with LASzip 3.4.",
+            limit=_NEWEST_ITEMS,
+            actual=newest,
+        )
 
 
 def _items(data: bytes) -> list[tuple[int, int]]:
@@ -83,15 +125,16 @@ def _check_items(header: Header, lazrs: Any) -> tuple[int, int]:
             code="bad_header",
             hint="Convert it to an uncompressed LAS.",
         )
+    chunk = chunk or _VARIABLE
     if compressor != _LAYERED:
         return chunk, 0
     return chunk, sum(_LAYERS.get(kind, size) for kind, size in _items(header.compression))
 
 
-def _record(point_format: int, extra_bytes: int, lazrs: Any) -> Any:
+def _record(point_format: int, extra_bytes: int, lazrs: Any, variable: bool = False) -> Any:
     """What ``lazrs`` needs to know of a point; None where it cannot compress such points."""
     try:
-        return lazrs.LazVlr.new_for_compression(point_format, extra_bytes)
+        return lazrs.LazVlr.new_for_compression(point_format, extra_bytes, variable)
     except (lazrs.LazrsError, ValueError, OverflowError):
         return None
 
@@ -126,6 +169,8 @@ class Compressor:
     ----------
     point_format, extra_bytes : int
         Of a record.
+    variable : bool
+        Whether chunks have numbers of points of their own.
 
     Raises
     ------
@@ -133,12 +178,12 @@ class Compressor:
         ``missing_extra``, or ``cannot_store`` for points that ``lazrs`` does not compress.
     """
 
-    def __init__(self, point_format: int, extra_bytes: int) -> None:
+    def __init__(self, point_format: int, extra_bytes: int, *, variable: bool = False) -> None:
         check_available("laz")
         import lazrs
 
         self._lazrs = lazrs
-        self._record = _record(point_format, extra_bytes, lazrs)
+        self._record = _record(point_format, extra_bytes, lazrs, variable)
         if self._record is None:
             raise FormatError(
                 f"Points of format {point_format} cannot be compressed.",
@@ -157,3 +202,15 @@ class Compressor:
         for at in range(0, len(rows), _ROWS_PER_WRITE):
             compressor.compress_many(rows[at : at + _ROWS_PER_WRITE].tobytes())
         compressor.done()
+
+    def write_chunks(self, file: BinaryIO, rows: NDArray[np.void], counts: NDArray[np.int64]) -> list[int]:
+        """Write records in chunks of ``counts`` points; where each begins, and where the last one ends."""
+        compressor = self._lazrs.LasZipCompressor(file, self._record)
+        compressor.reserve_offset_to_chunk_table()
+        places = [file.tell()]
+        for stop, count in zip(np.cumsum(counts).tolist(), counts.tolist(), strict=True):
+            compressor.compress_many(rows[stop - count : stop].tobytes())
+            compressor.finish_current_chunk()
+            places.append(file.tell())
+        compressor.done()
+        return places
