@@ -59,7 +59,12 @@ def add_denoise(subparsers: Subparsers) -> None:
     )
     parser.add_argument("--orient", action="store_true", help="turn the normals to one side of the surface")
     parser.add_argument("--outliers", default="keep", choices=["keep", "drop"], help="points far from all others")
-    parser.add_argument("--nonfinite", default="reject", choices=["reject", "drop"], help="rows of NaN or infinity")
+    parser.add_argument(
+        "--nonfinite",
+        default="keep",
+        choices=["keep", "reject", "drop"],
+        help="rows of NaN or infinity: come back in their places, are refused, or left out (keep)",
+    )
     parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="of every random choice (0)")
     parser.add_argument(
         "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved"
@@ -103,7 +108,7 @@ def _denoise(options: argparse.Namespace) -> int:
         normals = orient_normals(result.points, normals, like=cloud.normals)
     around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
     denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
-    notes = cloud.warnings + _written(options.output, denoised, options.input)
+    notes = denoised.warnings + _written(options.output, denoised, options.input)
     if result.flagged.any():
         notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
     for note in notes:
@@ -149,7 +154,7 @@ def _written(path: Path, cloud: PointCloud, source: Path) -> list[str]:
     ending = path.suffix.lower()
     as_it_came = cloud.flavour.format in TEXT_FORMATS and ending == source.suffix.lower()  # a .txt may hold commas
     try:
-        return write(path, cloud, format=None if as_it_came else SUFFIXES.get(ending))
+        return write(path, cloud, format=None if as_it_came else SUFFIXES.get(ending), check=True)
     except OSError as error:
         raise PcdnfError(
             f"{path} cannot be written: {error.strerror or type(error).__name__}.",

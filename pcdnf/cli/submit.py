@@ -28,7 +28,7 @@ PARAMETERS = {
     "normals": "where raw normals come from: auto, pca or input",
     "orient": "whether normals are turned to one side: true or false",
     "outliers": "points far from all others: keep or drop",
-    "nonfinite": "rows of NaN or infinity: reject or drop",
+    "nonfinite": "rows of NaN or infinity: keep, reject or drop",
 }
 """Parameters of a job, which the service checks; those left out are the service's choice."""
 DEFAULT_PATIENCE = 600.0

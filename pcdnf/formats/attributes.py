@@ -1,4 +1,4 @@
-"""Columns on their way to another format: text that stands for numbers, colours of 16 bits that are of 8."""
+"""Columns on their way to another format: text that stands for numbers, and the names other formats use."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .colours import BYTE, WORD, colours_of, sixteen_bit_intensity
 from .errors import shown
 from .point_cloud import PointCloud
+from .roles import CHANNELS, canonical_name
 
-CHANNELS = ("red", "green", "blue")
+Columns = dict[str, NDArray[Any]]
 
 _NUMBER_LETTERS = np.zeros(256, bool)
 _NUMBER_LETTERS[[*b"0123456789+-.eE \0"]] = True
@@ -38,7 +40,7 @@ def numbers(column: NDArray[Any]) -> NDArray[Any] | None:
     return None if np.isin(letters, ord("_")).any() else values
 
 
-def numeric_attributes(cloud: PointCloud, title: str) -> tuple[dict[str, NDArray[Any]], list[str]]:
+def numeric_attributes(cloud: PointCloud, title: str) -> tuple[Columns, list[str]]:
     """The attributes as numbers, and a note for each column of words, which the format called ``title`` cannot hold."""
     kept, notes = {}, []
     for name, column in cloud.attributes.items():
@@ -50,28 +52,55 @@ def numeric_attributes(cloud: PointCloud, title: str) -> tuple[dict[str, NDArray
     return kept, notes
 
 
-def eight_bit_colours(attributes: dict[str, NDArray[Any]]) -> NDArray[np.uint8] | None:
-    """Red, green, blue as (N, 3) uint8, where the attributes of these names lose nothing by it; else None.
+def renamed(attributes: Columns) -> Columns:
+    """The attributes under the names that formats with fixed fields use, where these are free."""
+    kept: Columns = {}
+    for name, column in attributes.items():
+        fixed = canonical_name(name)
+        kept[name if fixed in attributes or fixed in kept else fixed] = column
+    return kept
 
-    Colours of 16 bits are often those of 8, times 257 or 256.
+
+def with_colours(
+    attributes: Columns, top: int, title: str, brightest: float | None = None
+) -> tuple[Columns, list[str]]:
+    """The attributes with colours as red, green, blue from 0 to ``top``, and a note where that loses something.
+
+    Parameters
+    ----------
+    attributes : dict of str to (N, ...) array
+    top : int
+        255 for uint8, 65535 for uint16.
+    title : str
+        What the format is called.
+    brightest : float, optional
+        The stored value of full brightness, where the file says it.
     """
-    columns = [attributes.get(name) for name in CHANNELS]
-    found = [column for column in columns if column is not None and column.ndim == 1 and column.dtype.kind in "iu"]
-    if len(found) < len(CHANNELS):
-        return None
-    table = np.stack(found, axis=1)
-    if table.size == 0 or table.min() < 0 or table.max() > np.iinfo(np.uint16).max:
-        return table.astype(np.uint8) if table.size == 0 else None
-    if table.dtype.itemsize == 1 or table.max() <= np.iinfo(np.uint8).max:
-        return table.astype(np.uint8)
-    factor = next((factor for factor in (257, 256) if not (table % factor).any()), None)
-    return None if factor is None else (table // factor).astype(np.uint8)
+    colours = colours_of(attributes, brightest)
+    if colours is None:
+        return attributes, []
+    table = colours.scaled(top).astype(np.uint8 if top == BYTE else np.uint16)
+    channels = dict(zip(colours.names, zip(CHANNELS, table.T, strict=True), strict=True))
+    kept: Columns = {}
+    for name, column in attributes.items():
+        to, values = channels.get(name, (name, column))
+        kept[to] = np.ascontiguousarray(values)
+    notes = []
+    if not colours.is_exact(top):
+        bits = 8 if top == BYTE else 16
+        notes.append(
+            f"{title} got colours of {bits} bits; those of the cloud, up to {colours.brightest:g}, were rounded."
+        )
+    return kept, notes
 
 
-def with_eight_bit_colours(attributes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The attributes, colours as uint8 where they lose nothing by it."""
-    table = eight_bit_colours(attributes)
-    if table is None:
-        return attributes
-    colours = dict(zip(CHANNELS, table.T, strict=True))
-    return {name: colours.get(name, column) for name, column in attributes.items()}
+def with_intensity(attributes: Columns, title: str) -> tuple[Columns, list[str]]:
+    """The attributes with an intensity of 16 bits, and a note where that loses something."""
+    column = attributes.get("intensity")
+    if column is None or column.dtype == np.uint16:
+        return attributes, []
+    values, how = sixteen_bit_intensity(column)
+    if values is None:
+        return attributes, [f"{title} has intensities from 0 to {WORD}; those of the cloud became a further column."]
+    note = [f"{title} got intensities of 16 bits, {how}."] if how else []
+    return attributes | {"intensity": values}, note

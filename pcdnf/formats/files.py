@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -15,28 +15,38 @@ import numpy as np
 
 from ..errors import PcdnfError
 from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
-from .e57.codec import read_e57, write_e57
+from .codec import Codec, FileCodec
+from .e57.codec import read_e57
+from .e57.write import write_e57
 from .errors import FormatError, check_available
-from .las.codec import read_las, write_las
+from .las.codec import arranged, read_las, write_las
 from .limits import Limits
 from .npz.codec import read_npz, write_npz
 from .pcd.codec import read_pcd, write_pcd
 from .ply.codec import read_ply, write_ply
 from .point_cloud import PointCloud, checked
+from .readback import check_written
 from .xyz.codec import read_xyz, write_xyz
 
-READERS = {"ply": read_ply, "npz": read_npz, "pcd": read_pcd, "xyz": read_xyz, "las": read_las, "e57": read_e57}
-WRITERS: dict[str, Callable[[BinaryIO, PointCloud], list[str]]] = {
-    "ply": write_ply,
-    "npz": write_npz,
-    "pcd": write_pcd,
-    "xyz": partial(write_xyz, format_="xyz"),
-    "csv": partial(write_xyz, format_="csv"),
-    "pts": partial(write_xyz, format_="pts"),
-    "las": partial(write_las, compressed=False),
-    "laz": partial(write_las, compressed=True),
-    "e57": write_e57,
+CODECS: dict[str, Codec] = {
+    codec.name: codec
+    for codec in (
+        FileCodec("ply", read_ply, write_ply),
+        FileCodec("npz", read_npz, write_npz),
+        FileCodec("pcd", read_pcd, write_pcd),
+        FileCodec("xyz", read_xyz, partial(write_xyz, format_="xyz")),
+        FileCodec("csv", read_xyz, partial(write_xyz, format_="csv")),
+        FileCodec("pts", read_xyz, partial(write_xyz, format_="pts")),
+        FileCodec("las", read_las, partial(write_las, compressed=False), holds_holes=False),
+        FileCodec("laz", read_las, partial(write_las, compressed=True), holds_holes=False),
+        FileCodec("e57", read_e57, write_e57),
+    )
 }
+"""How each format of :data:`pcdnf.file_formats.FORMATS` is read and written."""
+
+COPC = FileCodec("laz", read_las, partial(write_las, compressed=True, copc=True), holds_holes=False, arranger=arranged)
+"""A LAZ whose name ends in :data:`COPC_ENDING`."""
+COPC_ENDING = ".copc.laz"
 
 _MAGIC_BYTES = 8
 
@@ -49,8 +59,8 @@ def sniff(head: bytes, *, text: bool = False) -> str:
     FormatError
         ``empty_file``, ``unknown_format``, or ``missing_extra`` for a format whose library is not there.
     """
-    for name, format_ in FORMATS.items():
-        if head.startswith(format_.magic):
+    for name, codec in CODECS.items():
+        if codec.sniff(head):
             check_available(name)
             return name
     if not head:
@@ -99,7 +109,7 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bo
             )
         kind = sniff(file.read(_MAGIC_BYTES), text=_is_text(path) if text is None else text)
         file.seek(0)
-        return READERS[kind](file, size, limits)
+        return CODECS[kind].read(file, size, limits)
 
 
 def _is_text(path: str | os.PathLike[str]) -> bool:
@@ -127,7 +137,13 @@ def _unreadable(why: str) -> FormatError:
     )
 
 
-def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: str | None = None) -> list[str]:
+def write(
+    path: str | os.PathLike[str],
+    cloud: PointCloud,
+    *,
+    format: str | None = None,
+    check: bool = False,
+) -> list[str]:
     """Write a cloud in one step: a reader sees the old file or the whole new one, also after a power loss.
 
     Parameters
@@ -138,6 +154,8 @@ def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: str | None
     format : str, optional
         A name of :data:`pcdnf.file_formats.FORMATS`.
         By default as the cloud came, with the same encoding, types, names and order.
+    check : bool
+        Whether the file is read back, and compared with the cloud, before it takes the place of ``path``.
 
     Returns
     -------
@@ -147,13 +165,35 @@ def write(path: str | os.PathLike[str], cloud: PointCloud, *, format: str | None
     Raises
     ------
     FormatError
-        ``cannot_store`` or ``missing_extra``.
+        ``cannot_store``, ``missing_extra`` or ``written_wrong``.
     OSError
         When the disk refuses.
     """
-    check_available(format or cloud.flavour.format)
+    name = format or cloud.flavour.format
+    check_available(name)
+    codec = COPC if name == "laz" and os.fspath(path).lower().endswith(COPC_ENDING) else CODECS[name]
+    stored, notes = _storable(cloud, codec)
     with replacing(path) as file:
-        return WRITERS[format or cloud.flavour.format](file, cloud)
+        notes += codec.write(file, stored)
+        if check:
+            file.flush()
+            check_written(file, os.fstat(file.fileno()).st_size, stored, codec)
+    return notes
+
+
+def _storable(cloud: PointCloud, codec: Codec) -> tuple[PointCloud, list[str]]:
+    """The cloud as its rows go into a file: with its holes where these have a place, in the order of the format."""
+    whole, notes = cloud.whole(), []
+    if not codec.holds_holes and cloud.holes is not None:
+        finite = np.flatnonzero(np.isfinite(whole.points).all(axis=1))
+        lost = len(whole) - len(finite)
+        if lost:
+            notes.append(
+                f"{FORMATS[codec.name].title} has no place for rows without coordinates; {lost} were left out."
+            )
+            whole = whole.only(finite)
+    ordered, told = codec.arrange(whole)
+    return ordered, notes + told
 
 
 @contextmanager
@@ -168,7 +208,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     target = Path(path)
     temporary = target.with_name(f".pcdnf-{secrets.token_hex(8)}.tmp")
     try:
-        with temporary.open("xb") as file:
+        with temporary.open("x+b") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())

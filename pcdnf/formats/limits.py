@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from .errors import FormatError
 
 Array = NDArray[Any]
-
+NonFinite = Literal["keep", "reject", "drop"]
+NON_FINITE: tuple[NonFinite, ...] = get_args(NonFinite)
 
 FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 """Types of coordinates and normals in memory."""
@@ -34,18 +35,19 @@ class Limits:
         Most bytes of the file, and of what an NPZ inflates to.
     minimum_points : int
         Fewest finite points.
-    nonfinite : {"reject", "drop"}
-        What happens to rows with NaN or infinity in coordinates or normals.
+    nonfinite : {"keep", "reject", "drop"}
+        What happens to rows with NaN or infinity in their coordinates: they are put aside and come back in their
+        places, the file is refused, or they are left out.
     """
 
     max_points: int = 100_000_000
     max_bytes: int = 8 * 1024**3
     minimum_points: int = 1
-    nonfinite: Literal["reject", "drop"] = "reject"
+    nonfinite: NonFinite = "keep"
 
     def __post_init__(self) -> None:
-        if self.nonfinite not in ("reject", "drop"):
-            raise ValueError(f"nonfinite must be 'reject' or 'drop', not {self.nonfinite!r}")
+        if self.nonfinite not in NON_FINITE:
+            raise ValueError(f"nonfinite must be one of {', '.join(NON_FINITE)}, not {self.nonfinite!r}")
         if min(self.max_points, self.max_bytes, self.minimum_points) < 1:
             raise ValueError("max_points, max_bytes and minimum_points must be at least 1")
 

@@ -1,4 +1,4 @@
-"""A point cloud as a file carries it, the limits a file is read under, and the checks on its numbers."""
+"""A point cloud as a file carries it, and the checks on its numbers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,29 @@ from numpy.typing import ArrayLike
 from .errors import FormatError
 from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
 from .limits import FLOATS, Array, Limits, check_enough, check_extent
+from .roles import stale_normals
 
 Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour | LasFlavour | E57Flavour
+
+
+@dataclass(frozen=True)
+class Holes:
+    """Rows of a file without coordinates, such as the pixels of an organised cloud that saw nothing.
+
+    Attributes
+    ----------
+    rows : (H,) int64 array
+        Their numbers in the file, ascending.
+    points : (H, 3) array
+        NaN or infinity in each row.
+    normals : (H, 3) array or None
+    attributes : dict of str to (H, ...) array
+    """
+
+    rows: Array
+    points: Array
+    normals: Array | None
+    attributes: dict[str, Array]
 
 
 @dataclass(kw_only=True)
@@ -39,6 +60,8 @@ class PointCloud:
         Sentences on what was skipped or converted while reading.
     dropped : (D,) int64 array
         Rows of the file that were left out: NaN or infinity, or outliers.
+    holes : Holes or None
+        Rows without coordinates, which :meth:`whole` puts back into their places.
     """
 
     points: Array
@@ -51,6 +74,7 @@ class PointCloud:
     flavour: Flavour = field(default_factory=PlyFlavour)
     warnings: list[str] = field(default_factory=list)
     dropped: Array = field(default_factory=lambda: np.empty(0, np.int64))
+    holes: Holes | None = None
 
     def __post_init__(self) -> None:
         for array in (self.points, self.normals):
@@ -65,6 +89,58 @@ class PointCloud:
     def __len__(self) -> int:
         return len(self.points)
 
+    @property
+    def brightest(self) -> float | None:
+        """The value of full brightness of the colours, where the file says it."""
+        return self.flavour.brightest if isinstance(self.flavour, E57Flavour) else None
+
+    def aside(self, rows: Array, why: str) -> PointCloud:
+        """The cloud without some rows, (D,) int ascending, which come back as they are in :meth:`whole`."""
+        keep = np.ones(len(self), bool)
+        keep[rows] = False
+        lost, old, numbers = self.only(rows), self.holes, self.file_rows()[rows]
+        holes = Holes(numbers, lost.points, lost.normals, lost.attributes)
+        if old is not None:
+            holes = _joined(old, holes)
+        return replace(self.only(keep), holes=holes, warnings=[*self.warnings, why])
+
+    def file_rows(self) -> Array:
+        """The number of each point's row in the file, (N,) int64, ascending."""
+        absent = self.dropped if self.holes is None else np.union1d(self.dropped, self.holes.rows)
+        return np.setdiff1d(np.arange(len(self) + len(absent)), absent)
+
+    def whole(self) -> PointCloud:
+        """The cloud with its holes in their places, as rows of NaN or infinity."""
+        holes = self.holes
+        if holes is None:
+            return self
+        order = np.argsort(np.concatenate([self.file_rows(), holes.rows]), kind="stable")
+        normals = self.normals
+        if normals is not None:
+            absent = np.where(np.isfinite(holes.points).all(axis=1, keepdims=True), 0, np.nan)
+            absent = np.broadcast_to(absent, holes.points.shape).astype(normals.dtype)
+            normals = np.concatenate([normals, absent if holes.normals is None else holes.normals])[order]
+        return replace(
+            self,
+            points=np.concatenate([self.points, holes.points])[order],
+            normals=normals,
+            attributes={
+                name: np.concatenate([column, holes.attributes[name]])[order]
+                for name, column in self.attributes.items()
+            },
+            holes=None,
+        )
+
+    def only(self, rows: Array) -> PointCloud:
+        """The cloud of some of its rows, (M,) int or bool, in the order given; holes are left out."""
+        return replace(
+            self,
+            points=self.points[rows],
+            normals=None if self.normals is None else self.normals[rows],
+            attributes={name: column[rows] for name, column in self.attributes.items()},
+            holes=None,
+        )
+
     def without(self, rows: Array, why: str) -> PointCloud:
         """The cloud without some rows, which ``dropped`` and a warning name by their numbers in the file.
 
@@ -77,14 +153,12 @@ class PointCloud:
         """
         keep = np.ones(len(self), bool)
         keep[rows] = False
-        in_file = np.setdiff1d(np.arange(len(self) + len(self.dropped)), self.dropped)[rows]
+        in_file = self.file_rows()[rows]
         return replace(
-            self,
-            points=self.points[keep],
-            normals=None if self.normals is None else self.normals[keep],
-            attributes={name: column[keep] for name, column in self.attributes.items()},
+            self.only(keep),
             dropped=np.union1d(self.dropped, in_file),
             warnings=[*self.warnings, f"{why} were left out: {row_ranges(in_file)}."],
+            holes=self.holes,
         )
 
     def replaced(
@@ -102,6 +176,10 @@ class PointCloud:
             Replaces all recorded metadata, so that results of results do not pile it up.
         """
         known = self.points.dtype if self.normals is None else self.normals.dtype
+        stale = [] if normals is None else stale_normals(self.attributes)
+        holes = self.holes
+        if stale and holes is not None:
+            holes = replace(holes, attributes=_lacking(holes.attributes, stale))
         recorded = dict(self.metadata if metadata is None else metadata)
         if metadata is not None and self.dropped.size:
             recorded["dropped_rows"] = row_ranges(self.dropped)
@@ -109,8 +187,34 @@ class PointCloud:
             self,
             points=np.asarray(points, self.points.dtype),
             normals=self.normals if normals is None else np.asarray(normals, known),
+            attributes=_lacking(self.attributes, stale),
             metadata=recorded,
+            warnings=[*self.warnings, *([_STALE.format(", ".join(stale))] if stale else [])],
+            holes=holes,
         )
+
+
+def _joined(first: Holes, second: Holes) -> Holes:
+    """Two sets of rows that were put aside as one, ascending."""
+    order = np.argsort(np.concatenate([first.rows, second.rows]))
+
+    def both(one: Array, other: Array) -> Array:
+        joined: Array = np.concatenate([one, other])[order]
+        return joined
+
+    return Holes(
+        both(first.rows, second.rows),
+        both(first.points, second.points),
+        None if first.normals is None or second.normals is None else both(first.normals, second.normals),
+        {name: both(column, second.attributes[name]) for name, column in first.attributes.items()},
+    )
+
+
+_STALE = "Older normals were left out, since new ones take their place: {}."
+
+
+def _lacking(columns: dict[str, Array], names: list[str]) -> dict[str, Array]:
+    return {name: column for name, column in columns.items() if name not in names} if names else columns
 
 
 def row_ranges(rows: Array, width: int = 400) -> str:
@@ -133,6 +237,8 @@ def row_ranges(rows: Array, width: int = 400) -> str:
 def checked(cloud: PointCloud, limits: Limits) -> PointCloud:
     """The cloud if its numbers can be worked on: enough points, finite, of a sane extent.
 
+    Normals that are missing, zero, NaN or infinite are left to whoever uses them.
+
     Raises
     ------
     FormatError
@@ -140,24 +246,33 @@ def checked(cloud: PointCloud, limits: Limits) -> PointCloud:
     """
     check_enough(len(cloud), limits)
     finite: Array = np.asarray(np.isfinite(cloud.points).all(axis=1))
-    if cloud.normals is not None:
-        finite = finite & np.isfinite(cloud.normals).all(axis=1)
     if not finite.all():
-        cloud = _without_nonfinite(cloud, finite, limits)
+        cloud = _finite_part(cloud, finite, limits)
     check_extent(cloud.points)
     return cloud
 
 
-def _without_nonfinite(cloud: PointCloud, finite: Array, limits: Limits) -> PointCloud:
+def _finite_part(cloud: PointCloud, finite: Array, limits: Limits) -> PointCloud:
     bad = np.flatnonzero(~finite)
     if limits.nonfinite == "reject":
         raise FormatError(
-            f"{len(bad)} of {len(cloud)} points have NaN or infinity in their coordinates or normals; "
+            f"{len(bad)} of {len(cloud)} points have NaN or infinity in their coordinates; "
             f"the first is row {bad[0]} (counted from 0).",
             code="nonfinite",
-            hint="Remove these rows, or ask for nonfinite=drop to have them left out.",
+            hint="Ask for nonfinite=keep to have these rows come back in their places, or nonfinite=drop to have "
+            "them left out.",
             limit=0,
             actual=len(bad),
         )
     check_enough(int(finite.sum()), limits)
-    return cloud.without(bad, "Rows with NaN or infinity")
+    if limits.nonfinite == "drop":
+        return cloud.without(bad, "Rows with NaN or infinity")
+    lost = cloud.only(bad)
+    return replace(
+        cloud.only(finite),
+        holes=Holes(bad, lost.points, lost.normals, lost.attributes),
+        warnings=[
+            *cloud.warnings,
+            f"{len(bad)} of {len(cloud)} rows have no coordinates (NaN or infinity); they come back in their places.",
+        ],
+    )

@@ -39,7 +39,7 @@ EXAMPLE: dict[str, Any] = {
         "normals": "auto",
         "orient": False,
         "outliers": "keep",
-        "nonfinite": "reject",
+        "nonfinite": "keep",
     },
     "execution": {
         "model": "pcdnf-lite",

@@ -220,7 +220,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
     if parameters["orient"]:
         normals = orient_normals(merged["points"], normals, like=given.normals)
     cloud = given.replaced(merged["points"], normals, metadata=metadata)
-    warnings = list(given.warnings)
+    warnings = list(cloud.warnings)
     results = {}
     for name in dict.fromkeys((given.flavour.format, *STORED)):
         file = own_name(f"result.{name}")

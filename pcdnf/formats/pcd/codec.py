@@ -15,7 +15,8 @@ from ..limits import Limits, check_count, check_enough
 from ..ply.header import SPELLINGS, Element, Property, note_lines
 from ..ply.text import TextBody, write_rows
 from ..point_cloud import PointCloud, checked
-from .columns import COLOUR_FIELDS, NORMAL_NAMES, pcd_columns, unpacked
+from ..roles import find_normals, free_normals
+from .columns import COLOUR_FIELDS, pcd_columns, unpacked
 from .header import PADDING, Header, header_bytes, read_header
 from .lzf import MAX_RATIO, decompress
 
@@ -191,7 +192,7 @@ def _cloud(header: Header, columns: Columns) -> PointCloud:
     single = {name for name, column in by_name.items() if column.shape[1] == 1}
     warnings: list[str] = []
     points = _stacked(by_name, ("x", "y", "z"), "coordinates", np.dtype(np.float64), warnings)
-    names = next((names for names in NORMAL_NAMES if single.issuperset(names)), None)
+    names = find_normals(name for name in by_name if name in single)
     normals = None if names is None else _stacked(by_name, names, "normals", points.dtype, warnings)
     attributes: dict[str, NDArray[Any]] = {}
     packed = ""
@@ -217,7 +218,7 @@ def _cloud(header: Header, columns: Columns) -> PointCloud:
             header.height,
             header.viewpoint,
             packed,
-            names or next(names for names in NORMAL_NAMES if by_name.keys().isdisjoint(names)),
+            names or free_normals(by_name, ("normal_x", "normal_y", "normal_z")),
         ),
         warnings=warnings,
     )

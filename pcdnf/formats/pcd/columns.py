@@ -8,18 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..attributes import CHANNELS, eight_bit_colours, numeric_attributes
+from ..attributes import numeric_attributes, renamed, with_colours
+from ..colours import BYTE
 from ..errors import FormatError, shown
 from ..flavours import PcdFlavour
 from ..point_cloud import PointCloud
+from ..roles import CHANNELS
 from .header import MAX_FIELDS, MAX_VALUES, PADDING, Field
-
-NORMAL_NAMES = (
-    ("normal_x", "normal_y", "normal_z"),
-    ("nx", "ny", "nz"),
-    ("denoised_nx", "denoised_ny", "denoised_nz"),
-)
-"""Spellings of the three normal components, the first one found counts; new ones take the first that is free."""
 
 COLOUR_FIELDS = ("rgb", "rgba")
 """Fields of four bytes that hold blue, green, red and alpha, from the lowest byte up."""
@@ -32,13 +27,13 @@ def unpacked(values: NDArray[Any], *, alpha: bool) -> dict[str, NDArray[np.uint8
     return colours | {"alpha": octets[:, 3].copy()} if alpha or octets[:, 3].any() else colours
 
 
-def packed(colours: NDArray[np.uint8], alpha: NDArray[Any] | None) -> NDArray[np.uint32]:
-    """Colours (N, 3) and alpha (N,) as one value a point."""
+def packed(colours: NDArray[np.uint8], alpha: NDArray[Any] | None) -> NDArray[np.float32]:
+    """Colours (N, 3) and alpha (N,) as the four bytes of a float a point, as PCL stores them."""
     octets = np.zeros((len(colours), 4), np.uint8)
     octets[:, :3] = colours[:, ::-1]
     if alpha is not None:
         octets[:, 3] = alpha
-    return octets.view("<u4")[:, 0]
+    return octets.view("<f4")[:, 0]
 
 
 def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], list[NDArray[Any]], list[str]]:
@@ -61,17 +56,29 @@ def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], li
     columns: dict[str, NDArray[Any]] = {name: cloud.points[:, axis] for axis, name in enumerate("xyz")}
     if cloud.normals is not None:
         columns |= {name: cloud.normals[:, axis] for axis, name in enumerate(flavour.normals)}
-    colours = eight_bit_colours(attributes)
-    if colours is not None and (flavour.packed or not flavour.fields):
-        alpha = attributes.get("alpha")
-        alpha = alpha if alpha is not None and alpha.dtype == np.uint8 and alpha.ndim == 1 else None
-        name = flavour.packed or ("rgb" if alpha is None else "rgba")
-        columns[name] = packed(colours, alpha)
-        taken = {*CHANNELS, *(() if alpha is None else ("alpha",))}
-        attributes = {key: column for key, column in attributes.items() if key not in taken}
+    if flavour.packed or not flavour.fields:
+        attributes, told = with_colours(
+            renamed(attributes) if not flavour.fields else attributes, BYTE, "PCD", cloud.brightest
+        )
+        notes += told
+        attributes = _with_packed(columns, attributes, flavour.packed)
     for name, column in attributes.items():
         columns[_fresh(name, columns)] = column
     return *_ordered(columns, flavour, len(cloud)), notes
+
+
+def _with_packed(
+    columns: dict[str, NDArray[Any]], attributes: dict[str, NDArray[Any]], name: str
+) -> dict[str, NDArray[Any]]:
+    """Add the colours among the attributes to the columns, as one value; the attributes that are left."""
+    channels = [attributes.get(channel) for channel in CHANNELS]
+    if any(channel is None or channel.dtype != np.uint8 for channel in channels):
+        return attributes
+    alpha = attributes.get("alpha")
+    alpha = alpha if alpha is not None and alpha.dtype == np.uint8 and alpha.ndim == 1 else None
+    columns[name or ("rgb" if alpha is None else "rgba")] = packed(np.stack(channels, axis=1), alpha)  # type: ignore[arg-type]
+    taken = {*CHANNELS, *(() if alpha is None else ("alpha",))}
+    return {key: column for key, column in attributes.items() if key not in taken}
 
 
 def _ordered(

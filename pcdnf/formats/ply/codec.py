@@ -11,16 +11,11 @@ from ..errors import FormatError, shown
 from ..flavours import PlyFlavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
+from ..roles import NORMALS, find_normals, free_normals
 from .columns import ply_columns
 from .header import BYTE_ORDERS, TYPES, Element, Header, header_bytes, note_lines, read_header
 from .lists import skip_lists
 from .text import TextBody, write_rows
-
-NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
-"""Spellings of the three normal components, the first one found counts."""
-
-_NEW_NORMALS = (*NORMAL_NAMES, ("denoised_nx", "denoised_ny", "denoised_nz"))
-"""Names for normals the file did not have; the later ones where it has only some of the first."""
 
 Rows = NDArray[Any]
 """One structured row a vertex."""
@@ -136,16 +131,16 @@ def _cloud(header: Header, rows: Rows) -> PointCloud:
     if any(types[name][0] != "f" for name in "xyz"):
         warnings.append("The coordinates are stored as integers; the result stores them as float64.")
     points = _stacked(rows, ("x", "y", "z"), types, np.dtype(np.float64))
-    found = [names for names in NORMAL_NAMES if all(name in types for name in names)]
-    partial = [name for names in NORMAL_NAMES for name in names if name in types]
+    found = find_normals(types)
+    partial = [name for name in types for names in NORMALS if name.lower() in names]
     normals = None
     if found:
-        normals = _stacked(rows, found[0], types, points.dtype)
-        if any(types[name][0] != "f" for name in found[0]):
+        normals = _stacked(rows, found, types, points.dtype)
+        if any(types[name][0] != "f" for name in found):
             warnings.append(f"The normals are stored as integers; the result stores them as {points.dtype}.")
     elif partial:
         warnings.append(f"Normals need three components; {', '.join(partial)} stay what they are: other properties.")
-    taken = {"x", "y", "z", *(found[0] if found else ())}
+    taken = {"x", "y", "z", *(found or ())}
     return PointCloud(
         points=points,
         normals=normals,
@@ -160,7 +155,7 @@ def _cloud(header: Header, rows: Rows) -> PointCloud:
         flavour=PlyFlavour(
             header.encoding,
             tuple((prop.name, prop.type) for prop in header.vertex.properties),
-            found[0] if found else next(names for names in _NEW_NORMALS if types.keys().isdisjoint(names)),
+            found or free_normals(types),
         ),
         warnings=warnings,
     )

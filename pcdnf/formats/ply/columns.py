@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..attributes import numeric_attributes, with_eight_bit_colours
+from ..attributes import numeric_attributes, with_colours
+from ..colours import BYTE
 from ..errors import FormatError, shown
 from ..flavours import NpzFlavour, PlyFlavour
 from ..point_cloud import PointCloud
@@ -52,7 +53,8 @@ def ply_columns(cloud: PointCloud) -> tuple[list[Column], list[str]]:
         columns |= _role(flavour.normals, cloud.normals, declared)
     attributes, notes = numeric_attributes(cloud, "PLY")
     if not isinstance(cloud.flavour, PlyFlavour | NpzFlavour):
-        attributes = with_eight_bit_colours(attributes)
+        attributes, told = with_colours(attributes, BYTE, "PLY", cloud.brightest)
+        notes += told
     for member, values in attributes.items():
         for part, column in _flat(member, values):
             taken = columns.keys() | (declared.keys() - {member})

@@ -27,8 +27,9 @@ TYPES = {
 }
 """Type names of the format, in both spellings, to numpy's."""
 
-SPELLINGS = {dtype: name for name, dtype in reversed(TYPES.items())}
-"""numpy's type names to the format's older spelling, which every reader knows."""
+SPELLINGS = {dtype: name for name, dtype in reversed(TYPES.items())} | {"i1": "int8", "i2": "int16", "u2": "uint16"}
+"""numpy's type names to the spelling that most readers know: the older one, but for the types that Open3D and meshio
+know by their newer names only."""
 
 _COUNT = re.compile(r"[0-9]{1,19}")
 _NAME = re.compile(r"[\x21-\x7e]{1,64}")

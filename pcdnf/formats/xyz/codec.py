@@ -9,16 +9,17 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..attributes import CHANNELS, eight_bit_colours, numbers
+from ..attributes import numbers
+from ..colours import BYTE, colours_of
 from ..errors import FormatError, shown
 from ..flavours import TextFormat, XyzFlavour
 from ..limits import Limits, check_count, check_enough
 from ..ply.header import note_lines
 from ..point_cloud import PointCloud, checked
-from .layout import COLOUR_NAMES, MAX_COLUMNS, MAX_COMMENT_BYTES, MAX_ROW_BYTES, NORMAL_NAMES, Layout, read_layout
+from ..roles import CHANNELS, find_colours, find_normals, free_normals
+from .layout import MAX_COLUMNS, MAX_COMMENT_BYTES, MAX_ROW_BYTES, Layout, read_layout
 from .rows import blocks
 
-_NEW_NORMALS = (*NORMAL_NAMES, ("denoised_nx", "denoised_ny", "denoised_nz"))
 _UNNAMED_NORMALS = "If columns 4 to 6 are normals, name them: begin the file with a line `# x y z nx ny nz`."
 _HEAD_BYTES = MAX_COMMENT_BYTES + 2 * MAX_ROW_BYTES
 _ROWS_PER_WRITE = 1 << 16
@@ -97,18 +98,17 @@ def _attribute_names(layout: Layout) -> list[str]:
 
 def _numeric_columns(layout: Layout) -> list[int]:
     lower = [name.lower() for name in layout.names] or [*"xyz"]
-    normals = next((names for names in NORMAL_NAMES if set(names) <= set(lower)), ())
+    normals = find_normals(lower) or ()
     return [lower.index(name) for name in (*"xyz", *normals)]
 
 
 def _cloud(layout: Layout, columns: dict[str, NDArray[Any]]) -> PointCloud:
     """Columns into their roles."""
-    lower = {name.lower(): name for name in columns}
     points = np.stack([columns[axis] for axis in "xyz"], axis=1)
-    found = next((names for names in NORMAL_NAMES if set(names) <= set(lower)), None)
-    spelled = tuple(lower[name] for name in found) if found else ()
+    found = find_normals(columns)
+    spelled = found or ()
     normals = np.stack([columns[name] for name in spelled], axis=1) if found else None
-    renamed = _colours(layout, columns, lower)
+    renamed = _colours(layout, columns)
     attributes = {renamed.get(name, name): column for name, column in columns.items() if name not in (*"xyz", *spelled)}
     named = [renamed.get(name, name) for name in columns]
     warnings = []
@@ -116,7 +116,6 @@ def _cloud(layout: Layout, columns: dict[str, NDArray[Any]]) -> PointCloud:
         warnings.append(f"The file names no columns; they were read as {', '.join(named)}.")
         if layout.width == 6 and not renamed:
             warnings.append(_UNNAMED_NORMALS)
-    unknown = next(names for names in _NEW_NORMALS if set(names).isdisjoint(lower))
     return PointCloud(
         points=points,
         normals=normals,
@@ -127,7 +126,7 @@ def _cloud(layout: Layout, columns: dict[str, NDArray[Any]]) -> PointCloud:
             _format(layout),
             separator=layout.separator.decode(),
             columns=tuple(zip(named, layout.names or named, strict=True)),
-            normals=(spelled[0], spelled[1], spelled[2]) if found else unknown,
+            normals=found or free_normals(columns),
             header=layout.plain,
             comment=_comment_mark(layout),
             newline=layout.newline,
@@ -150,9 +149,9 @@ def _comment_mark(layout: Layout) -> str:
     return "" if layout.plain or layout.count is not None else "#"
 
 
-def _colours(layout: Layout, columns: dict[str, NDArray[Any]], lower: dict[str, str]) -> dict[str, str]:
+def _colours(layout: Layout, columns: dict[str, NDArray[Any]]) -> dict[str, str]:
     """Turn columns of colours into uint8 in place; their new names."""
-    named = next((tuple(lower[one] for one in names) for names in COLOUR_NAMES if set(names) <= set(lower)), ())
+    named: tuple[str, ...] = find_colours(columns) or ()
     if not layout.names:
         is_rgb, is_pts = layout.width == 6, layout.count is not None and layout.width > 6
         named = tuple(columns)[3:6] if is_rgb else tuple(columns)[4:7] if is_pts else ()
@@ -211,13 +210,14 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
     """One column a value, in the order of the file they came from; new ones follow."""
     notes = [f"A text file holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
     columns = {axis: cloud.points[:, index] for index, axis in enumerate("xyz")}
-    colours = eight_bit_colours(cloud.attributes)
-    if colours is not None:
-        columns |= dict(zip(CHANNELS, colours.T, strict=True))
+    colours = colours_of(cloud.attributes, cloud.brightest)
+    channels = dict(zip(colours.names, CHANNELS, strict=True)) if colours and colours.is_exact(BYTE) else {}
+    if colours and channels:
+        columns |= dict(zip(CHANNELS, colours.scaled(BYTE).T, strict=True))
     if cloud.normals is not None:
         columns |= {name: _shortest(cloud.normals[:, axis]) for axis, name in enumerate(flavour.normals)}
     for name, values in cloud.attributes.items():
-        if colours is not None and name in CHANNELS:
+        if name in channels:
             continue
         if values.dtype.kind == "S" and not _fits(values, flavour.separator):
             notes.append(f"The column {shown(name)} has words that would be two in this file; it was left out.")

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ..attributes import CHANNELS
 from ..errors import FormatError, shown
 
 MAX_COLUMNS = 60
@@ -15,9 +14,6 @@ MAX_COMMENT_BYTES = 64 * 1024
 MAX_LINE_BYTES = 1000
 """Of a comment line."""
 MAX_ROW_BYTES = 64 * 1024
-
-NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
-COLOUR_NAMES = (CHANNELS, ("r", "g", "b"))
 
 _COMMENT = re.compile(rb"[ \t]*(#|//)[ \t]?(.*)", re.DOTALL)
 _METADATA = re.compile(r"pcdnf ([a-z0-9_]{1,64}): (.*)")

@@ -70,8 +70,10 @@ class Parameters(BaseModel):
     outliers: Literal["keep", "drop"] = Field(
         "keep", description="What to do about points far from all others: the result says which rows went"
     )
-    nonfinite: Literal["reject", "drop"] = Field(
-        "reject", description="What to do about points that are NaN or infinite"
+    nonfinite: Literal["keep", "reject", "drop"] = Field(
+        "keep",
+        description="What to do about points that are NaN or infinite: return them in their places, refuse the file, "
+        "or leave them out",
     )
 
 

@@ -132,23 +132,47 @@ def spoiled() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
 
 def test_rows_that_are_not_finite_are_counted(stored: Any) -> None:
     points, normals = spoiled()
-    error = refusal(stored(points, normals=normals))
-    assert (error.code, error.actual) == ("nonfinite", 3)
+    error = refusal(stored(points, normals=normals), nonfinite="reject")
+    assert (error.code, error.actual) == ("nonfinite", 2)
     assert "row 3 " in str(error)
     assert "nonfinite=drop" in str(error.hint)
+
+
+def test_holes_come_back_in_their_places(stored: Any, tmp_path: Path) -> None:
+    points, normals = spoiled()
+    tags = np.arange(20, dtype=np.int32)
+    cloud = read(stored(points, normals=normals, attributes={"tag": tags}))
+    kept = [row for row in range(20) if row not in (3, 4)]
+    assert cloud.attributes["tag"].tolist() == kept
+    assert np.isnan(cloud.normals[5, 2]), "a normal that is NaN is a missing normal"  # type: ignore[index]
+    assert "2 of 20 rows have no coordinates" in cloud.warnings[-1]
+    write(tmp_path / "out", cloud.replaced(cloud.points + 1, np.ones_like(cloud.points), metadata={}), check=True)
+    again = read(tmp_path / "out")
+    np.testing.assert_array_equal(again.points, POINTS[kept] + 1)
+    assert again.holes is not None
+    assert again.holes.rows.tolist() == [3, 4]
+    assert again.holes.attributes["tag"].tolist() == [3, 4]
+    np.testing.assert_array_equal(again.whole().attributes["tag"], tags)
+
+
+def test_outliers_beside_holes_go_by_their_numbers_in_the_file(stored: Any) -> None:
+    points, _ = spoiled()
+    cloud = read(stored(points)).without(np.array([0, 3]), "Outliers")
+    assert cloud.dropped.tolist() == [0, 5]
+    assert len(cloud.whole()) == 18
 
 
 def test_dropping_keeps_the_order_and_says_which(stored: Any, tmp_path: Path) -> None:
     points, normals = spoiled()
     path = stored(points, normals=normals, attributes={"tag": np.arange(20, dtype=np.int32)})
     cloud = read(path, limits=Limits(nonfinite="drop"))
-    kept = [row for row in range(20) if row not in (3, 4, 7)]
+    kept = [row for row in range(20) if row not in (3, 4)]
     assert cloud.attributes["tag"].tolist() == kept
     np.testing.assert_array_equal(cloud.points, POINTS[kept])
-    assert cloud.dropped.tolist() == [3, 4, 7]
-    assert "3-4, 7 (3 rows)" in cloud.warnings[-1]
+    assert cloud.dropped.tolist() == [3, 4]
+    assert "3-4 (2 rows)" in cloud.warnings[-1]
     write(tmp_path / "out", cloud.replaced(cloud.points, None, metadata={"seed": "0"}))
-    assert read(tmp_path / "out").metadata == {"seed": "0", "dropped_rows": "3-4, 7 (3 rows)"}
+    assert read(tmp_path / "out").metadata == {"seed": "0", "dropped_rows": "3-4 (2 rows)"}
 
 
 def test_dropping_may_leave_too_few(stored: Any) -> None:
@@ -215,7 +239,7 @@ def test_clouds_that_contradict_themselves() -> None:
 
 
 def test_limits_that_make_no_sense() -> None:
-    for arguments in ({"max_points": 0}, {"nonfinite": "keep"}):
+    for arguments in ({"max_points": 0}, {"nonfinite": "mend"}):
         with pytest.raises(ValueError, match="must be"):
             Limits(**arguments)  # type: ignore[arg-type]
 

@@ -174,7 +174,8 @@ def test_text_that_is_no_number(refused: Refused, token: str) -> None:
 
 def test_text_numbers_that_are_not_finite(refused: Refused) -> None:
     for token in ("nan", "inf", "-Infinity", "1e400", "1e39"):
-        error = refused(header(*vertices(3), encoding="ascii") + f"1 2 3\n4 5 6\n7 8 {token}\n".encode())
+        data = header(*vertices(3), encoding="ascii") + f"1 2 3\n4 5 6\n7 8 {token}\n".encode()
+        error = refused(data, nonfinite="reject")
         assert (error.code, error.actual) == ("nonfinite", 1)
         assert "row 2 " in str(error)
 

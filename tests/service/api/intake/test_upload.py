@@ -66,7 +66,7 @@ def test_form_with_parameters_on_both_sides_of_the_file(api: httpx.Client, small
     assert response.status_code == 202
     assert response.json()["parameters"] == {
         "iterations": 2, "radius": "auto", "model": "pcdnf-lite", "seed": 7, "normals": "auto", "orient": False,
-        "outliers": "keep", "nonfinite": "reject", "fast": False,
+        "outliers": "keep", "nonfinite": "keep", "fast": False,
     }  # fmt: skip
     assert response.json()["upload"]["name"] == "a"
 
@@ -141,7 +141,7 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
         ("seed=4294967296", "less than"),
         ("model=../x", "model: there is no such model."),
         ("normals=none", "'auto', 'pca' or 'input'"),
-        ("nonfinite=keep", "'reject' or 'drop'"),
+        ("nonfinite=mend", "'keep', 'reject' or 'drop'"),
         ("seed=1&seed=2", "given twice, with different values"),
     ],
 )

@@ -1,0 +1,72 @@
+"""What a format is to the rest of the package: how it is recognised, read and written, and what it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import BinaryIO, Protocol
+
+from ..file_formats import FORMATS
+from .limits import Limits
+from .point_cloud import PointCloud
+
+
+class Codec(Protocol):
+    """Reads and writes one format.
+
+    Attributes
+    ----------
+    name : str
+        A key of :data:`pcdnf.file_formats.FORMATS`.
+    holds_holes : bool
+        Whether rows without coordinates have a place in a file.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def holds_holes(self) -> bool: ...
+
+    def sniff(self, head: bytes) -> bool:
+        """Whether a file that begins with ``head`` is of this format."""
+        ...
+
+    def read(self, file: BinaryIO, size: int, limits: Limits) -> PointCloud:
+        """Read a file of ``size`` bytes that is open at its first byte; raises ``FormatError``."""
+        ...
+
+    def arrange(self, cloud: PointCloud) -> tuple[PointCloud, list[str]]:
+        """The cloud in the order the format asks for, and sentences on that."""
+        ...
+
+    def write(self, file: BinaryIO, cloud: PointCloud) -> list[str]:
+        """Write a cloud; sentences on what the format could not carry. Raises ``FormatError``."""
+        ...
+
+
+@dataclass(frozen=True)
+class FileCodec:
+    """A :class:`Codec` of a reader and a writer; a format is recognised by its first bytes."""
+
+    name: str
+    reader: Callable[[BinaryIO, int, Limits], PointCloud]
+    writer: Callable[[BinaryIO, PointCloud], list[str]]
+    holds_holes: bool = True
+    arranger: Callable[[PointCloud], tuple[PointCloud, list[str]]] | None = None
+
+    def sniff(self, head: bytes) -> bool:
+        """Whether a file that begins with ``head`` is of this format; never for columns of text."""
+        return head.startswith(FORMATS[self.name].magic)
+
+    def read(self, file: BinaryIO, size: int, limits: Limits) -> PointCloud:
+        """Read a file of ``size`` bytes that is open at its first byte."""
+        return self.reader(file, size, limits)
+
+    def arrange(self, cloud: PointCloud) -> tuple[PointCloud, list[str]]:
+        """The cloud in the order the format asks for, and sentences on that."""
+        return (cloud, []) if self.arranger is None else self.arranger(cloud)
+
+    def write(self, file: BinaryIO, cloud: PointCloud) -> list[str]:
+        """Write a cloud."""
+        return self.writer(file, cloud)

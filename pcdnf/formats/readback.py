@@ -1,0 +1,104 @@
+"""The check of a written file: it is read back and compared with the cloud it was written from."""
+
+from __future__ import annotations
+
+import math
+from typing import BinaryIO
+
+import numpy as np
+
+from .codec import Codec
+from .errors import FormatError
+from .limits import Array, Limits
+from .point_cloud import PointCloud
+
+SAMPLE = 1000
+"""Rows that are compared, evenly spread."""
+
+_CLOSE = 1e-4
+"""Of the typical distance of neighbours: formats with a grid of their own move points by less."""
+
+
+def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) -> None:
+    """Compare a file with the cloud it was written from: count, bounds, and a sample of rows.
+
+    Parameters
+    ----------
+    file : seekable binary file
+        As ``codec`` wrote it, of ``size`` bytes.
+    cloud : PointCloud
+        In the order of the file's rows, without holes where the format has no place for them.
+    codec : Codec
+
+    Raises
+    ------
+    FormatError
+        ``written_wrong``.
+    """
+    file.seek(0)
+    try:
+        again = codec.read(file, size, Limits(minimum_points=1)).whole()
+    except FormatError as error:
+        raise _wrong(f"it cannot be read ({error})") from error
+    if len(again) != len(cloud):
+        raise _wrong(f"it has {len(again)} points in place of {len(cloud)}")
+    tolerance = _tolerance(cloud.points)
+    for what, bound in (("lowest", np.nanmin), ("highest", np.nanmax)):
+        with np.errstate(invalid="ignore"):
+            if (
+                np.abs(_finite(bound(_masked(again.points), axis=0) - bound(_masked(cloud.points), axis=0))).max()
+                > tolerance
+            ):
+                raise _wrong(f"its {what} coordinates are other ones")
+    rows = np.linspace(0, len(cloud) - 1, min(SAMPLE, len(cloud))).astype(np.int64)
+    if not _alike(again.points[rows], cloud.points[rows], tolerance):
+        raise _wrong("its coordinates are other ones")
+    if cloud.normals is not None and again.normals is not None:
+        lengths = np.abs(_finite(cloud.normals[rows])).max(initial=1e-30)
+        if not _alike(again.normals[rows], cloud.normals[rows], 1e-5 * lengths):
+            raise _wrong("its normals are other ones")
+    for name in cloud.attributes.keys() & again.attributes.keys():
+        if not _same(again.attributes[name][rows], cloud.attributes[name][rows]):
+            raise _wrong(f"its column {name!r} holds other values")
+
+
+def _wrong(what: str) -> FormatError:
+    return FormatError(
+        f"The result was written and read back, and {what}. It was not kept.",
+        code="written_wrong",
+        hint="Write the result in another format, such as PLY, and report this with the file.",
+    )
+
+
+def _masked(points: Array) -> Array:
+    return np.where(np.isfinite(points), points, np.nan)
+
+
+def _finite(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, 0)
+
+
+def _tolerance(points: Array) -> float:
+    """How far a stored coordinate may be from the one given: by the digits of float32, or the grid of the format."""
+    finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    low, high = finite.min(axis=0), finite.max(axis=0)
+    spacing = float(np.linalg.norm(high - low)) / math.sqrt(len(finite))
+    most = float(np.abs(np.stack([low, high])).max())
+    return max(_CLOSE * spacing, most * 1e-6, 1e-300)
+
+
+def _alike(first: Array, second: Array, tolerance: float) -> bool:
+    one, other = first.astype(np.float64), second.astype(np.float64)
+    finite = np.isfinite(other).all(axis=1)
+    if not finite.any():
+        return True
+    return bool((np.abs(one[finite] - other[finite]) <= tolerance).all())
+
+
+def _same(first: Array, second: Array) -> bool:
+    """Whether a column came back, where it was stored in a type that can hold it."""
+    if first.shape != second.shape or first.dtype.kind not in "iuf" or second.dtype.kind not in "iuf":
+        return True
+    if first.dtype != second.dtype:
+        return True
+    return bool(np.array_equal(first, second, equal_nan=first.dtype.kind == "f"))
