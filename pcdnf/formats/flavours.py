@@ -12,12 +12,34 @@ from .las.points import Extra
 
 
 @dataclass(frozen=True)
+class Block:
+    """An element of a PLY beside its vertices: its name, its lines of the header, and its rows as they stand."""
+
+    name: str
+    lines: tuple[str, ...]
+    body: bytes
+
+
+@dataclass(frozen=True)
 class PlyFlavour:
-    """How a PLY stored its vertices: the encoding, and (name, type as spelled) in file order."""
+    """How a PLY stored its vertices.
+
+    Attributes
+    ----------
+    encoding : str
+    properties : tuple of (name, type as spelled)
+        In file order, without lists.
+    normals : tuple of str
+        The names of the three components.
+    before, after : tuple of Block
+        The other elements, such as faces; they come back where no vertex was left out.
+    """
 
     encoding: str = "binary_little_endian"
     properties: tuple[tuple[str, str], ...] = ()
     normals: tuple[str, str, str] = ("nx", "ny", "nz")
+    before: tuple[Block, ...] = ()
+    after: tuple[Block, ...] = ()
     format: Literal["ply"] = "ply"
 
 
@@ -50,6 +72,8 @@ class PcdFlavour:
         The field that holds colours packed into one value, ``""`` for none.
     normals : tuple of str
         The names of the three components.
+    coordinates : tuple of str
+        Their names.
     """
 
     encoding: str = "binary"
@@ -59,6 +83,7 @@ class PcdFlavour:
     viewpoint: str = "0 0 0 1 0 0 0"
     packed: str = ""
     normals: tuple[str, str, str] = ("normal_x", "normal_y", "normal_z")
+    coordinates: tuple[str, str, str] = ("x", "y", "z")
     format: Literal["pcd"] = "pcd"
 
 

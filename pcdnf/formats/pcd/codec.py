@@ -17,6 +17,7 @@ from ..ply.text import TextBody, write_rows
 from ..point_cloud import PointCloud, checked
 from ..roles import find_normals, free_normals
 from .columns import COLOUR_FIELDS, pcd_columns, unpacked
+from .coordinates import REMAINDERS, joined
 from .header import PADDING, Header, header_bytes, read_header
 from .lzf import MAX_RATIO, decompress
 
@@ -191,7 +192,10 @@ def _cloud(header: Header, columns: Columns) -> PointCloud:
     by_name.pop(PADDING, None)
     single = {name for name, column in by_name.items() if column.shape[1] == 1}
     warnings: list[str] = []
-    points = _stacked(by_name, ("x", "y", "z"), "coordinates", np.dtype(np.float64), warnings)
+    points = _stacked(by_name, header.coordinates, "coordinates", np.dtype(np.float64), warnings)
+    rests = [by_name.get(name) for name in REMAINDERS]
+    if points.dtype == np.float32 and all(rest is not None and rest.dtype == np.float32 for rest in rests):
+        points = joined(points, np.concatenate([by_name.pop(name) for name in REMAINDERS], axis=1))
     names = find_normals(name for name in by_name if name in single)
     normals = None if names is None else _stacked(by_name, names, "normals", points.dtype, warnings)
     attributes: dict[str, NDArray[Any]] = {}
@@ -219,6 +223,7 @@ def _cloud(header: Header, columns: Columns) -> PointCloud:
             header.viewpoint,
             packed,
             names or free_normals(by_name, ("normal_x", "normal_y", "normal_z")),
+            header.coordinates,
         ),
         warnings=warnings,
     )

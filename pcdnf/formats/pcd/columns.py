@@ -14,6 +14,7 @@ from ..errors import FormatError, shown
 from ..flavours import PcdFlavour
 from ..point_cloud import PointCloud
 from ..roles import CHANNELS
+from .coordinates import REMAINDERS, for_most_readers, split
 from .header import MAX_FIELDS, MAX_VALUES, PADDING, Field
 
 COLOUR_FIELDS = ("rgb", "rgba")
@@ -53,7 +54,8 @@ def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], li
     """
     attributes, notes = numeric_attributes(cloud, "PCD")
     notes += [f"PCD holds per-point values only; {shown(name)} was left out." for name in cloud.extras]
-    columns: dict[str, NDArray[Any]] = {name: cloud.points[:, axis] for axis, name in enumerate("xyz")}
+    columns, told = _coordinates(cloud, flavour)
+    notes += told
     if cloud.normals is not None:
         columns |= {name: cloud.normals[:, axis] for axis, name in enumerate(flavour.normals)}
     if flavour.packed or not flavour.fields:
@@ -65,6 +67,16 @@ def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], li
     for name, column in attributes.items():
         columns[_fresh(name, columns)] = column
     return *_ordered(columns, flavour, len(cloud)), notes
+
+
+def _coordinates(cloud: PointCloud, flavour: PcdFlavour) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """The fields of the coordinates: as the file had them, else as most programs read them."""
+    names = flavour.coordinates
+    if any(field[0] == REMAINDERS[0] for field in flavour.fields) and cloud.points.dtype == np.float64:
+        return split(cloud.points, names), []
+    if not isinstance(cloud.flavour, PcdFlavour) and cloud.points.dtype == np.float64:
+        return for_most_readers(cloud.points, names)
+    return {name: cloud.points[:, axis] for axis, name in enumerate(names)}, []
 
 
 def _with_packed(

@@ -16,7 +16,10 @@ from ..errors import FormatError, shown
 
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LINE_BYTES = 1000
-MAX_FIELDS = 64
+"""Of a comment."""
+MAX_FIELD_LINE_BYTES = 16 * 1024
+"""Of a line that has a value for each field."""
+MAX_FIELDS = 256
 MAX_VALUES = 4096
 """Values of a point, over all fields (a global descriptor has 308)."""
 
@@ -67,6 +70,15 @@ class Header:
         return self.width * self.height
 
     @property
+    def coordinates(self) -> tuple[str, str, str]:
+        """The names of the coordinates as spelled."""
+        found: dict[str, str] = {}
+        for field in sorted(self.fields, key=lambda field: field.name.isupper()):
+            if field.count == 1:
+                found.setdefault(field.name.lower(), field.name)
+        return found["x"], found["y"], found["z"]
+
+    @property
     def stride(self) -> int:
         """Bytes of a binary row."""
         return sum(field.size for field in self.fields)
@@ -91,7 +103,7 @@ def read_header(file: BinaryIO) -> Header:
     size = number = 0
     while "DATA" not in entries:
         number += 1
-        line = file.readline(MAX_LINE_BYTES + 3)
+        line = file.readline(MAX_FIELD_LINE_BYTES + 3)
         size += len(line)
         _check_length(line, size, number)
         text = line.decode("utf-8", "surrogateescape").strip()
@@ -134,8 +146,9 @@ def read_header(file: BinaryIO) -> Header:
 
 
 def _check_length(line: bytes, size: int, number: int) -> None:
-    if len(line.rstrip(b"\r\n")) > MAX_LINE_BYTES:
-        _too_long(f"Line {number} of the header", MAX_LINE_BYTES)
+    limit = MAX_LINE_BYTES if line.lstrip().startswith(b"#") else MAX_FIELD_LINE_BYTES
+    if len(line.rstrip(b"\r\n")) > limit:
+        _too_long(f"Line {number} of the header", limit)
     if size > MAX_HEADER_BYTES:
         _too_long("The header", MAX_HEADER_BYTES)
     if not line.endswith(b"\n"):
@@ -213,7 +226,7 @@ def _fields(entries: dict[str, list[str]]) -> tuple[Field, ...]:
     values = sum(field.count for field in fields)
     if values > MAX_VALUES:
         _too_many(f"{values} values a point; at most {MAX_VALUES} are read", MAX_VALUES, values)
-    found = {field.name for field in fields if field.count == 1}
+    found = {field.name.lower() for field in fields if field.count == 1}
     missing = [name for name in "xyz" if name not in found]
     if missing:
         seen = ", ".join(shown(name) for name in names[:8]) or "none"

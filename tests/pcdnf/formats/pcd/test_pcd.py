@@ -153,11 +153,40 @@ def test_from_other_formats(tmp_path: Path) -> None:
         extras={"origin": np.zeros(3)},
     )
     notes = write(tmp_path / "out.pcd", cloud, format="pcd")
-    assert ["word" in notes[0], "origin" in notes[1], len(notes)] == [True, True, 2]
+    assert ["word" in notes[0], "origin" in notes[1], "float32" in notes[2], len(notes)] == [True, True, True, 3]
     again = read(tmp_path / "out.pcd")
     assert b"FIELDS x y z rgb a_name half\n" in (tmp_path / "out.pcd").read_bytes()
     np.testing.assert_array_equal(again.attributes["blue"], np.arange(6))
     assert again.attributes["half"].dtype == np.float32
+
+
+def test_doubles_of_other_formats_are_stored_as_most_programs_read_them(tmp_path: Path) -> None:
+    near = np.random.default_rng(0).normal(size=(300, 3))
+    write(tmp_path / "near.pcd", PointCloud(points=near), format="pcd", check=True)
+    assert b"FIELDS x y z\nSIZE 4 4 4\n" in (tmp_path / "near.pcd").read_bytes()
+    far = near + np.array([500_000, 5_400_000, 100])
+    (note,) = write(tmp_path / "far.pcd", PointCloud(points=far), format="pcd", check=True)
+    assert "x_rest" in note
+    cloud = read(tmp_path / "far.pcd")
+    assert cloud.points.dtype == np.float64
+    np.testing.assert_allclose(cloud.points, far, atol=2e-8, rtol=0)
+    write(tmp_path / "again.pcd", cloud.replaced(cloud.points + 0.001, None), check=True)
+    np.testing.assert_allclose(read(tmp_path / "again.pcd").points, far + 0.001, atol=4e-8, rtol=0)
+    write(tmp_path / "doubles.pcd", PointCloud(points=far, flavour=PcdFlavour()))
+    np.testing.assert_array_equal(read(tmp_path / "doubles.pcd").points, far)
+    huge = near * 1e200
+    write(tmp_path / "huge.pcd", PointCloud(points=huge), format="pcd")
+    assert b"SIZE 8 8 8\n" in (tmp_path / "huge.pcd").read_bytes()
+
+
+def test_names_of_fields_in_capitals(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcd"
+    path.write_bytes(header(FIELDS="X Y Z") + floats(4))
+    cloud = read(path)
+    np.testing.assert_array_equal(cloud.points, np.arange(12).reshape(4, 3))
+    write(path, cloud.replaced(cloud.points + 1, None))
+    assert b"FIELDS X Y Z\n" in path.read_bytes()
+    np.testing.assert_array_equal(read(path).points, cloud.points + 1)
 
 
 def test_colours_pack_and_unpack() -> None:
@@ -237,11 +266,11 @@ def test_bad_headers(refused: Refused, changes: dict[str, str], code: str) -> No
 
 
 def test_too_many_fields(refused: Refused) -> None:
-    names = ["x", "y", "z", *(f"f{i}" for i in range(62))]
+    names = ["x", "y", "z", *(f"f{i}" for i in range(254))]
     ones = " ".join("1" for _ in names)
     lines = {"FIELDS": " ".join(names), "SIZE": ones, "TYPE": " ".join("U" for _ in names), "COUNT": ones}
-    error = refused(header(**lines) + bytes(65 * 4))
-    assert (error.code, error.limit, error.actual) == ("too_many_elements", 64, 65)
+    error = refused(header(**lines) + bytes(257 * 4))
+    assert (error.code, error.limit, error.actual) == ("too_many_elements", 256, 257)
 
 
 def test_long_lines_long_headers_and_no_end(refused: Refused) -> None:
