@@ -41,7 +41,7 @@ class Format:
 
 
 FORMATS = {
-    "ply": Format("PLY", "application/ply", (".ply",), (b"ply\n", b"ply\r\n")),
+    "ply": Format("PLY", "application/ply", (".ply",), (b"ply\n", b"ply\r")),
     "npz": Format("NPZ", "application/x-npz", (".npz",), (b"PK\x03\x04",)),
     "pcd": Format("PCD", "application/x-pcd", (".pcd",), (b"# .PCD", b"VERSION ")),
     "xyz": Format("XYZ", "text/plain", (".xyz", ".txt", ".asc")),

@@ -18,7 +18,8 @@ from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
 from .codec import Codec, FileCodec
 from .e57.codec import read_e57
 from .e57.write import write_e57
-from .errors import FormatError, check_available
+from .errors import FormatError, check_available, shown
+from .flavours import PlyFlavour
 from .las.codec import arranged, read_las, write_las
 from .limits import Limits
 from .npz.codec import read_npz, write_npz
@@ -184,6 +185,9 @@ def write(
 def _storable(cloud: PointCloud, codec: Codec) -> tuple[PointCloud, list[str]]:
     """The cloud as its rows go into a file: with its holes where these have a place, in the order of the format."""
     whole, notes = cloud.whole(), []
+    if codec.name != "ply" and isinstance(cloud.flavour, PlyFlavour) and (cloud.flavour.before or cloud.flavour.after):
+        names = ", ".join(shown(block.name) for block in (*cloud.flavour.before, *cloud.flavour.after))
+        notes.append(f"{FORMATS[codec.name].title} holds points only; left out were: {names}.")
     if not codec.holds_holes and cloud.holes is not None:
         finite = np.flatnonzero(np.isfinite(whole.points).all(axis=1))
         lost = len(whole) - len(finite)

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, shown
-from ..flavours import PlyFlavour
+from ..flavours import Block, PlyFlavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
 from ..roles import NORMALS, find_normals, free_normals
-from .columns import ply_columns
+from .columns import Column, ply_columns
 from .header import BYTE_ORDERS, TYPES, Element, Header, header_bytes, note_lines, read_header
-from .lists import skip_lists
+from .lists import scalar_rows, skip_lists
 from .text import TextBody, write_rows
 
 Rows = NDArray[Any]
 """One structured row a vertex."""
 
 _ROWS_PER_WRITE = 1 << 18
+_SPLAT = {"f_dc_0", "scale_0", "rot_0", "opacity"}
 
 
 def read_ply(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
@@ -43,49 +45,63 @@ def read_ply(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
     header = read_header(file)
     check_count(header.vertex.count, limits)
     check_enough(header.vertex.count, limits)
-    rows = _read_text(file, header, size) if header.encoding == "ascii" else _read_binary(file, header, size)
-    return checked(_cloud(header, rows), limits)
+    body = _read_text(file, header, size) if header.encoding == "ascii" else _read_binary(file, header, size)
+    return checked(_cloud(header, body), limits)
 
 
-def _read_text(file: BinaryIO, header: Header, size: int) -> Rows:
+@dataclass
+class Body:
+    """The vertices of a file, its other elements before and after them, and rows that its header does not declare."""
+
+    rows: Rows = field(default_factory=lambda: np.empty(0, np.void))
+    before: list[Block] = field(default_factory=list)
+    after: list[Block] = field(default_factory=list)
+    is_longer: bool = False
+
+
+def _read_text(file: BinaryIO, header: Header, size: int) -> Body:
     shortest = header.size - 1 + sum(2 * element.count * len(element.properties) for element in header.elements)
     if shortest > size:
         _truncated(header, f"at least {shortest}", shortest, size)
-    body = TextBody(file)
-    rows: Rows = np.empty(0, np.void)
+    text, body = TextBody(file, header.newline), Body()
+    blocks = body.before
     for element in header.elements:
         if element is header.vertex:
-            rows = body.read(element)
+            body.rows, blocks = text.read(element), body.after
         else:
-            body.skip(element)
-    if body.remaining():
-        declared = sum(element.count for element in header.elements)
-        raise FormatError(
-            f"The file goes on after the last of the {declared} rows its header declares.",
-            code="trailing_data",
-            hint="Correct the counts in the header, or remove what follows the last row.",
-        )
-    return rows
+            blocks.append(Block(element.name, tuple(element.lines()), _ended(text.skip(element))))
+    body.is_longer = text.remaining()
+    return body
 
 
-def _read_binary(file: BinaryIO, header: Header, size: int) -> Rows:
+def _ended(text: bytes) -> bytes:
+    return text if not text or text.endswith(b"\n") else text + b"\n"
+
+
+def _read_binary(file: BinaryIO, header: Header, size: int) -> Body:
     least = header.size + sum(element.count * element.least_stride for element in header.elements)
     exact = not any(element.has_list for element in header.elements)
     if least > size:
         _truncated(header, f"{'' if exact else 'at least '}{least}", least, size)
     byte_order = BYTE_ORDERS[header.encoding]
-    position = header.size
-    rows: Rows = np.empty(0, np.void)
+    position, body = header.size, Body()
+    blocks = body.before
     for element in header.elements:
         file.seek(position)
+        start = position
         if element.has_list:
-            position += skip_lists(file.read(), element, byte_order)
+            data = file.read()
+            position += skip_lists(data, element, byte_order)
         else:
             position += element.count * element.least_stride
         if position > size:
             _truncated(header, f"at least {position}", position, size)
         if element is header.vertex:
-            rows = _read_rows(file, element, byte_order)
+            rows = scalar_rows(data, element, byte_order) if element.has_list else _read_rows(file, element, byte_order)
+            body.rows, blocks = rows, body.after
+        else:
+            file.seek(start)
+            blocks.append(Block(element.name, tuple(element.lines()), file.read(position - start)))
     if position != size:
         raise FormatError(
             f"The header declares a file of {position} bytes; the file has {size}.",
@@ -94,7 +110,7 @@ def _read_binary(file: BinaryIO, header: Header, size: int) -> Rows:
             limit=position,
             actual=size,
         )
-    return rows
+    return body
 
 
 def _read_rows(file: BinaryIO, element: Element, byte_order: str) -> Rows:
@@ -120,14 +136,11 @@ def _truncated(header: Header, expected: str, limit: int, size: int) -> NoReturn
     )
 
 
-def _cloud(header: Header, rows: Rows) -> PointCloud:
+def _cloud(header: Header, body: Body) -> PointCloud:
     """Columns into their roles."""
-    types = {prop.name: TYPES[prop.type] for prop in header.vertex.properties}
-    warnings = [
-        f"Element {shown(element.name)} ({element.count} rows) was left out: only points are kept."
-        for element in header.elements
-        if element is not header.vertex
-    ]
+    rows = body.rows
+    types = {prop.name: TYPES[prop.type] for prop in header.vertex.scalars}
+    warnings = _warnings(header, body)
     if any(types[name][0] != "f" for name in "xyz"):
         warnings.append("The coordinates are stored as integers; the result stores them as float64.")
     points = _stacked(rows, ("x", "y", "z"), types, np.dtype(np.float64))
@@ -154,11 +167,30 @@ def _cloud(header: Header, rows: Rows) -> PointCloud:
         metadata=header.metadata,
         flavour=PlyFlavour(
             header.encoding,
-            tuple((prop.name, prop.type) for prop in header.vertex.properties),
+            tuple((prop.name, prop.type) for prop in header.vertex.scalars),
             found or free_normals(types),
+            tuple(body.before),
+            tuple(body.after),
         ),
         warnings=warnings,
     )
+
+
+def _warnings(header: Header, body: Body) -> list[str]:
+    """What is passed over, and what a splat is not."""
+    warnings = []
+    names = {prop.name for prop in header.vertex.properties}
+    lists = [shown(prop.name) for prop in header.vertex.properties if prop.length_type]
+    if lists:
+        warnings.append(f"The lists {', '.join(lists)} of the vertices were left out: only single values are kept.")
+    if body.is_longer:
+        warnings.append("The file has more rows than its header declares; these were left out.")
+    if names >= _SPLAT:
+        warnings.append(
+            "The file holds Gaussian splats. Their centres move; their scales, rotations and colours stay as they "
+            "are, so the picture they make may change."
+        )
+    return warnings
 
 
 def _stacked(rows: Rows, names: tuple[str, str, str], types: dict[str, str], if_integer: np.dtype[Any]) -> NDArray[Any]:
@@ -185,18 +217,31 @@ def write_ply(file: BinaryIO, cloud: PointCloud) -> list[str]:
         ``cannot_store``.
     """
     columns, notes = ply_columns(cloud)
-    encoding = cloud.flavour.encoding if isinstance(cloud.flavour, PlyFlavour) else "binary_little_endian"
+    flavour = cloud.flavour if isinstance(cloud.flavour, PlyFlavour) else PlyFlavour()
+    encoding, before, after = flavour.encoding, flavour.before, flavour.after
+    if (before or after) and cloud.dropped.size:
+        names = ", ".join(shown(block.name) for block in (*before, *after))
+        notes.append(f"Elements that count on all vertices were left out, since some vertices were: {names}.")
+        before = after = ()
     recorded = [f"pcdnf {key}: {value}" for key, value in cloud.metadata.items()]
     lines = [*note_lines("comment", [*cloud.comments, *recorded]), *note_lines("obj_info", cloud.obj_info)]
-    file.write(header_bytes(encoding, len(cloud), [(name, spelled) for name, spelled, _ in columns], lines))
+    around = [[line for block in blocks for line in block.lines] for blocks in (before, after)]
+    file.write(header_bytes(encoding, len(cloud), [(name, spelled) for name, spelled, _ in columns], lines, *around))
+    file.write(b"".join(block.body for block in before))
+    _write_rows(file, columns, encoding)
+    file.write(b"".join(block.body for block in after))
+    return notes
+
+
+def _write_rows(file: BinaryIO, columns: list[Column], encoding: str) -> None:
     arrays = [column.astype(TYPES[spelled], copy=False) for _, spelled, column in columns]
     if encoding == "ascii":
         write_rows(file, arrays)
-        return notes
+        return
     dtype = np.dtype([(name, BYTE_ORDERS[encoding] + TYPES[spelled]) for name, spelled, _ in columns])
-    for start in range(0, len(cloud), _ROWS_PER_WRITE):
-        rows = np.empty(min(_ROWS_PER_WRITE, len(cloud) - start), dtype)
+    count = len(arrays[0])
+    for start in range(0, count, _ROWS_PER_WRITE):
+        rows = np.empty(min(_ROWS_PER_WRITE, count - start), dtype)
         for (name, _, _), array in zip(columns, arrays, strict=True):
             rows[name] = array[start : start + len(rows)]
         file.write(rows.tobytes())
-    return notes

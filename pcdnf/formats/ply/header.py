@@ -5,6 +5,7 @@ The format: https://paulbourke.net/dataformats/ply/. No array is allocated here.
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -16,8 +17,8 @@ from ..errors import FormatError, shown
 
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LINE_BYTES = 1000
-MAX_PARTS = 64
-"""Elements, and properties of one of them (a vertex of a Gaussian-splat file has 62)."""
+MAX_PARTS = 256
+"""Elements, and properties of one of them (a vertex of a Gaussian-splat file has 62 and more)."""
 
 BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {
@@ -63,9 +64,22 @@ class Element:
         """Bytes of a binary row; for rows with lists, of one whose lists are empty."""
         return sum(np.dtype(TYPES[p.length_type or p.type]).itemsize for p in self.properties)
 
+    @property
+    def scalars(self) -> list[Property]:
+        """The properties that are no lists."""
+        return [prop for prop in self.properties if not prop.length_type]
+
     def row_dtype(self, byte_order: str) -> np.dtype[np.void]:
-        """The type of a binary row without lists."""
-        return np.dtype([(p.name, byte_order + TYPES[p.type]) for p in self.properties])
+        """The type of a binary row, without its lists."""
+        return np.dtype([(p.name, byte_order + TYPES[p.type]) for p in self.scalars])
+
+    def lines(self) -> list[str]:
+        """The element as lines of a header."""
+        listed = [
+            f"property list {p.length_type} {p.type} {p.name}" if p.length_type else f"property {p.type} {p.name}"
+            for p in self.properties
+        ]
+        return [f"element {self.name} {self.count}", *listed]
 
 
 @dataclass
@@ -78,6 +92,7 @@ class Header:
     obj_info: list[str]
     metadata: dict[str, str]
     size: int
+    newline: bytes = b"\n"
 
     @property
     def vertex(self) -> Element:
@@ -92,10 +107,10 @@ def read_header(file: BinaryIO) -> Header:
     ------
     FormatError
         ``bad_header``, ``header_too_long``, ``too_many_elements``, ``duplicate_property``,
-        ``unsupported_type``, ``list_property`` or ``missing_coordinates``.
+        ``unsupported_type`` or ``missing_coordinates``.
     """
-    lines, size = _lines(file)
-    header = Header("", [], [], [], {}, size)
+    lines, size, newline = _lines(file)
+    header = Header("", [], [], [], {}, size, newline)
     for number, line in enumerate(lines[1:-1], start=2):
         words = line.split()
         keyword = words[0] if words else ""
@@ -127,12 +142,16 @@ def read_header(file: BinaryIO) -> Header:
     return header
 
 
-def _lines(file: BinaryIO) -> tuple[list[str], int]:
-    """The header's lines without their ends, and its size in bytes."""
+def _lines(file: BinaryIO) -> tuple[list[str], int, bytes]:
+    """The header's lines without their ends, its size in bytes, and what ends its lines."""
     lines: list[str] = []
     size = 0
+    start = file.read(5)
+    file.seek(0)
+    newline = b"\r" if start[3:4] == b"\r" and start[4:] != b"\n" else b"\n"
+    source = file if newline == b"\n" else io.BytesIO(file.read(MAX_HEADER_BYTES).replace(b"\r", b"\n"))
     while True:
-        line = file.readline(MAX_LINE_BYTES + 3)
+        line = source.readline(MAX_LINE_BYTES + 3)
         size += len(line)
         text = line.removesuffix(b"\n").removesuffix(b"\r")
         if len(text) > MAX_LINE_BYTES:
@@ -147,7 +166,8 @@ def _lines(file: BinaryIO) -> tuple[list[str], int]:
             )
         lines.append(text.decode("utf-8", "surrogateescape"))
         if text == b"end_header":
-            return lines, size
+            file.seek(size)
+            return lines, size, newline
 
 
 def _too_long(what: str, limit: int) -> NoReturn:
@@ -221,12 +241,6 @@ def _take_property(header: Header, words: list[str], number: int) -> None:
             code="duplicate_property",
             hint="Rename or remove one of them.",
         )
-    if prop.length_type and element.name == "vertex":
-        raise FormatError(
-            f"The vertex property {shown(prop.name)} is a list; per-point values must be single numbers.",
-            code="list_property",
-            hint="Export the points without this property.",
-        )
     element.properties.append(prop)
 
 
@@ -238,7 +252,7 @@ def _check_complete(header: Header) -> None:
             hint="Export the file again with a tool that writes standard PLY.",
         )
     vertices = [element for element in header.elements if element.name == "vertex"]
-    names = {prop.name for prop in vertices[0].properties} if vertices else set()
+    names = {prop.name for prop in vertices[0].properties if not prop.length_type} if vertices else set()
     missing = [name for name in "xyz" if name not in names]
     if missing:
         seen = ", ".join(shown(name) for name in sorted(names)[:8]) or "none"
@@ -249,7 +263,14 @@ def _check_complete(header: Header) -> None:
         )
 
 
-def header_bytes(encoding: str, count: int, properties: Iterable[tuple[str, str]], lines: Iterable[str]) -> bytes:
+def header_bytes(
+    encoding: str,
+    count: int,
+    properties: Iterable[tuple[str, str]],
+    lines: Iterable[str],
+    before: Iterable[str] = (),
+    after: Iterable[str] = (),
+) -> bytes:
     """The header of a file of vertices.
 
     Parameters
@@ -261,10 +282,12 @@ def header_bytes(encoding: str, count: int, properties: Iterable[tuple[str, str]
     properties : iterable of (name, type as spelled)
     lines : iterable of str
         ``comment …`` and ``obj_info …`` lines, put after the format line.
+    before, after : iterable of str
+        Lines of the other elements.
     """
-    text = ["ply", f"format {encoding} 1.0", *lines, f"element vertex {count}"]
+    text = ["ply", f"format {encoding} 1.0", *lines, *before, f"element vertex {count}"]
     text += [f"property {spelled} {name}" for name, spelled in properties]
-    return ("\n".join([*text, "end_header"]) + "\n").encode("utf-8", "surrogateescape")
+    return ("\n".join([*text, *after, "end_header"]) + "\n").encode("utf-8", "surrogateescape")
 
 
 def note_lines(keyword: str, texts: Iterable[str]) -> list[str]:

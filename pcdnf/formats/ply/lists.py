@@ -1,10 +1,11 @@
-"""Finding the end of a binary PLY element whose rows hold lists, such as faces."""
+"""Binary PLY elements whose rows hold lists: finding the end of faces, and the numbers of vertices beside theirs."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FormatError, shown
 from .header import TYPES, Element
@@ -38,12 +39,46 @@ def skip_lists(data: bytes, element: Element, byte_order: str) -> int:
     return position
 
 
+def scalar_rows(data: bytes, element: Element, byte_order: str) -> NDArray[Any]:
+    """The values of an element that are no lists, one structured row each; what its lists hold is passed over.
+
+    Raises
+    ------
+    FormatError
+        ``truncated`` or ``bad_value``, as :func:`skip_lists`.
+    """
+    rows = np.zeros(element.count, element.row_dtype(byte_order))
+    starts = np.empty((element.count, len(element.properties)), np.int64)
+    position = 0
+    for row in range(element.count):
+        _, _, places = _places(data, position, element, byte_order, row)
+        starts[row] = places[:-1]
+        position = places[-1]
+    octets = np.frombuffer(data, np.uint8)
+    for number, prop in enumerate(element.properties):
+        if not prop.length_type:
+            kind = rows.dtype[prop.name]
+            at = starts[:, number, None] + np.arange(kind.itemsize)
+            rows[prop.name] = np.ascontiguousarray(octets[at]).view(kind)[:, 0]
+    return rows
+
+
 def _layout(data: bytes, position: int, element: Element, byte_order: str, row: int) -> tuple[int, list[int]]:
     """Size of the row at ``position``, and the places inside it of the octets that hold list lengths."""
+    size, lengths, _ = _places(data, position, element, byte_order, row)
+    return size, lengths
+
+
+def _places(
+    data: bytes, position: int, element: Element, byte_order: str, row: int
+) -> tuple[int, list[int], list[int]]:
+    """Of the row at ``position``: its size, the places of octets of list lengths in it, and where properties begin."""
     order: Literal["little", "big"] = "little" if byte_order == "<" else "big"
     at = position
     lengths: list[int] = []
+    begins: list[int] = []
     for prop in element.properties:
+        begins.append(at)
         width = int(TYPES[prop.type][1])
         if prop.length_type is not None:
             kind = TYPES[prop.length_type]
@@ -67,4 +102,4 @@ def _layout(data: bytes, position: int, element: Element, byte_order: str, row: 
                 limit=element.count,
                 actual=row,
             )
-    return at - position, lengths
+    return at - position, lengths, [*begins, at]

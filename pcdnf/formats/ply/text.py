@@ -30,10 +30,13 @@ class TextBody:
     ----------
     file : binary file
         Open at the first byte of the body.
+    newline : bytes
+        What ends a line.
     """
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO, newline: bytes = b"\n") -> None:
         self._file = file
+        self._newline = newline
         self._block = b""
         self._position = 0  # in the block
         self._ends = np.empty(0, np.int64)  # where each row of the block ends
@@ -42,7 +45,7 @@ class TextBody:
         self._rest = b""
 
     def read(self, element: Element) -> NDArray[np.void]:
-        """The rows of an element without lists, in native byte order.
+        """The rows of an element in native byte order; lists are passed over.
 
         Raises
         ------
@@ -52,14 +55,17 @@ class TextBody:
         rows = np.empty(element.count, element.row_dtype("="))
         done = 0
         for text, counts in self._take(element):
-            wrong = np.flatnonzero(counts != len(element.properties))
+            if element.has_list:
+                text = _without_lists(text, element, done)
+                counts = np.full(len(counts), len(element.scalars))
+            wrong = np.flatnonzero(counts != len(element.scalars))
             if wrong.size:
                 raise FormatError(
                     f"Row {done + wrong[0]} of element {shown(element.name)} has {counts[wrong[0]]} values; "
-                    f"the header declares {len(element.properties)}.",
+                    f"the header declares {len(element.scalars)}.",
                     code="bad_value",
                     hint="Write one line of numbers a point, in the order of the properties.",
-                    limit=len(element.properties),
+                    limit=len(element.scalars),
                     actual=int(counts[wrong[0]]),
                 )
             stop = done + len(counts)
@@ -67,10 +73,9 @@ class TextBody:
             done = stop
         return rows
 
-    def skip(self, element: Element) -> None:
-        """Pass over the rows of an element, whatever they hold."""
-        for _ in self._take(element):
-            pass
+    def skip(self, element: Element) -> bytes:
+        """Pass over the rows of an element, whatever they hold; the text they are."""
+        return b"".join(text for text, _ in self._take(element))
 
     def remaining(self) -> bool:
         """Whether anything but blanks is left."""
@@ -100,7 +105,7 @@ class TextBody:
         """Load the next block that holds a row; False at the end of the file."""
         while True:
             fresh = self._file.read(_BLOCK_BYTES)
-            data = self._rest + fresh
+            data = self._rest + (fresh if self._newline == b"\n" else fresh.replace(self._newline, b"\n"))
             if not data:
                 return False
             cut = data.rfind(b"\n") + 1 if fresh else len(data)
@@ -134,6 +139,26 @@ def _not_text(what: str, limit: int) -> NoReturn:
     )
 
 
+def _without_lists(text: bytes, element: Element, first: int) -> bytes:
+    """Rows without the values of their lists."""
+    kept = []
+    for row, line in enumerate(filter(None, (line.split() for line in text.split(b"\n"))), start=first):
+        at, values = 0, []
+        for prop in element.properties:
+            if prop.length_type:
+                length = line[at] if at < len(line) else b""
+                if not length.isdigit() or len(length) > 9:
+                    _bad_value(element, row, f"has no length of the list {shown(prop.name)}")
+                at += 1 + int(length)
+            else:
+                values += line[at : at + 1]
+                at += 1
+        if at != len(line):
+            _bad_value(element, row, f"has {len(line)} values; with its lists it should have {at}")
+        kept.append(b" ".join(values))
+    return b"\n".join(kept) + b"\n"
+
+
 def _parse(text: bytes, rows: int, element: Element, first: int) -> NDArray[np.float64]:
     """The numbers of some rows, (rows, properties)."""
     text = text.replace(b"\r", b" ")
@@ -141,7 +166,7 @@ def _parse(text: bytes, rows: int, element: Element, first: int) -> NDArray[np.f
         values = np.loadtxt(io.BytesIO(text), np.float64, comments=None, ndmin=2, encoding="latin-1")
     except ValueError:
         values = np.empty((0, 0))
-    if values.shape != (rows, len(element.properties)):
+    if values.shape != (rows, len(element.scalars)):
         _name_bad_value(text, element, first)
     return values
 
@@ -167,7 +192,7 @@ def _bad_value(element: Element, row: int, what: str) -> NoReturn:
 
 def _convert(values: NDArray[np.float64], rows: NDArray[np.void], element: Element, first: int) -> None:
     """Store numbers in the types of their properties; integers must be whole and fit."""
-    for column, prop in zip(values.T, element.properties, strict=True):
+    for column, prop in zip(values.T, element.scalars, strict=True):
         target = rows[prop.name]
         if target.dtype.kind != "f":
             bounds = np.iinfo(target.dtype)

@@ -139,14 +139,79 @@ def test_coordinates_of_mixed_types_keep_their_own(tmp_path: Path) -> None:
     assert (tmp_path / "out.ply").read_bytes() == path.read_bytes()
 
 
-def test_faces_after_the_vertices_are_left_out_with_a_warning(tmp_path: Path) -> None:
+def test_faces_come_back_unless_vertices_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     lines = [*vertices(3), "element face 3", "property list uchar int vertex_indices", "property uchar flag"]
     faces = struct.pack("<B3iB", 3, 0, 1, 2, 9) * 2 + struct.pack("<B4iB", 4, 0, 1, 2, 0, 9)
     path.write_bytes(header(*lines) + floats(3) + faces)
     cloud = read(path)
-    assert len(cloud) == 3
-    assert "'face' (3 rows)" in cloud.warnings[0]
+    assert (len(cloud), cloud.warnings) == (3, [])
+    result = cloud.replaced(cloud.points + 1, np.ones((3, 3)))
+    assert write(tmp_path / "out.ply", result, check=True) == []
+    data = (tmp_path / "out.ply").read_bytes()
+    assert data.endswith(faces)
+    assert b"element face 3\nproperty list uchar int vertex_indices\nproperty uchar flag\nend_header" in data
+    np.testing.assert_array_equal(read(tmp_path / "out.ply").points, cloud.points + 1)
+    (note,) = write(tmp_path / "out.ply", cloud.without(np.array([1]), "Outliers"))
+    assert "'face'" in note
+    assert faces not in (tmp_path / "out.ply").read_bytes()
+    notes = write(tmp_path / "out.pcd", cloud, format="pcd")
+    assert "'face'" in notes[0], "never dropped silently"
+
+
+def test_faces_of_text_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    lines = [*vertices(3), "element face 2", "property list uchar int vertex_indices"]
+    path.write_bytes(header(*lines, encoding="ascii") + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 2 1")
+    write(tmp_path / "out.ply", read(path))
+    assert (tmp_path / "out.ply").read_bytes().endswith(b"0 1 0\n3 0 1 2\n3 0 2 1\n")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_lists_of_the_vertices_are_left_out(tmp_path: Path, encoding: str) -> None:
+    lines = vertices(
+        3, "float x", "list uchar ushort seen", "float y", "float z", "uchar red", "list uchar float weights"
+    )
+    order = ">" if "big" in encoding else "<"
+    body = b""
+    for row in range(3):
+        if encoding == "ascii":
+            seen = " ".join(["7"] * row)
+            body += f"{row} {row} {seen} 5 {row * row} {row + 9} 1 0.5\n".encode()
+        else:
+            body += struct.pack(f"{order}fB{row}HffBBf", row, row, *[7] * row, 5, row * row, row + 9, 1, 0.5)
+    (tmp_path / "a.ply").write_bytes(header(*lines, encoding=encoding) + body)
+    cloud = read(tmp_path / "a.ply")
+    np.testing.assert_array_equal(cloud.points, [[0, 5, 0], [1, 5, 1], [2, 5, 4]])
+    assert cloud.attributes["red"].tolist() == [9, 10, 11]
+    assert "'seen', 'weights'" in cloud.warnings[0]
+    write(tmp_path / "b.ply", cloud, check=True)
+    assert b"list" not in (tmp_path / "b.ply").read_bytes()
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_headers_whose_lines_end_with_a_bare_carriage_return(tmp_path: Path, encoding: str) -> None:
+    body = b"1 2 3\r4 5 6\r" if encoding == "ascii" else struct.pack("<6f", *range(1, 7))
+    head = header(*vertices(2), encoding=encoding).replace(b"\n", b"\r")
+    (tmp_path / "a.ply").write_bytes(head + body)
+    np.testing.assert_array_equal(read(tmp_path / "a.ply").points, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_rows_after_the_last_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_bytes(header(*vertices(2), encoding="ascii") + b"1 2 3\n4 5 6\n7 8 9\n")
+    cloud = read(tmp_path / "a.ply")
+    assert (len(cloud), "more rows" in cloud.warnings[0]) == (2, True)
+
+
+def test_splats_are_warned_of(tmp_path: Path) -> None:
+    names = [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(45)), "opacity",
+             *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4)), "red", "green", "blue"]  # fmt: skip
+    columns = [*XYZ, "float nx", "float ny", "float nz", *(f"float {name}" for name in names)]
+    data = np.arange(2 * len(columns), dtype="<f4").tobytes()
+    (tmp_path / "a.ply").write_bytes(header(*vertices(2, *columns)) + data)
+    cloud = read(tmp_path / "a.ply")
+    assert "Gaussian splats" in cloud.warnings[0]
+    assert cloud.attributes["rot_3"].tolist() == [61, 126]
 
 
 def test_elements_before_the_vertices_are_passed_over(tmp_path: Path) -> None:
