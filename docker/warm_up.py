@@ -5,9 +5,8 @@ In both precisions, because the machine that builds the image and the one that r
 
 from __future__ import annotations
 
-from pcdnf.models.build.catalog import available_models
-
 from pcdnf.denoiser import Denoiser
+from pcdnf.models.catalog import available_models
 
 for model in available_models():
     for precision in ("float32", "bfloat16"):

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from ..errors import PcdnfError
 from ..file_formats import SUFFIXES, TEXT_FORMATS, titles
-from ..formats import Limits, PointCloud, read, write
 from ..inference.options import check_iterations, check_radius
 from .common import check_writable
 
 if TYPE_CHECKING:
     from ..denoiser import Denoiser, DenoiseResult
+    from ..formats import PointCloud
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -81,6 +81,8 @@ def _natural(text: str) -> int:
 
 
 def _denoise(options: argparse.Namespace) -> int:
+    from ..formats import Limits, read
+
     for path in filter(None, (options.output, options.picture)):
         check_writable(path)
     check_iterations(options.iterations)
@@ -151,6 +153,8 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
 
 def _written(path: Path, cloud: PointCloud, source: Path) -> list[str]:
     """Write a result in the format its name asks for, else in that of the input; what could not be kept."""
+    from ..formats import write
+
     ending = path.suffix.lower()
     as_it_came = cloud.flavour.format in TEXT_FORMATS and ending == source.suffix.lower()  # a .txt may hold commas
     try:

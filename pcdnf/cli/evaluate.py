@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..file_formats import titles
-from ..formats.files import read_any
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -30,9 +29,10 @@ def add_evaluate(subparsers: Subparsers) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    prediction, clean = read_any(options.prediction), read_any(options.clean)
+    from ..formats.files import read_any
     from ..metrics import score
 
+    prediction, clean = read_any(options.prediction), read_any(options.clean)
     scores = score(prediction.points, prediction.normals, clean.points, clean.normals)
     if options.json:
         print(json.dumps(asdict(scores)))

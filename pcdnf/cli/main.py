@@ -33,8 +33,7 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    options = build_parser(command=next((word for word in given if not word.startswith("-")), None)).parse_args(given)
+    options = build_parser().parse_args(arguments)
     try:
         status: int = options.run(options)
     except PcdnfError as error:
@@ -46,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
-def build_parser(command: str | None = None) -> argparse.ArgumentParser:
-    """The parser of all commands; only ``command`` is completed where that costs an import of torch."""
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
     parser = argparse.ArgumentParser(prog="pcdnf", description="Denoise point clouds: PCDNF (TVCG 2023).")
     parser.add_argument("--version", action="version", version=f"pcdnf {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -60,6 +59,6 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     add_render(subparsers)
     add_benchmark(subparsers)
     add_models(subparsers)
-    add_train(subparsers, complete=command == "train")
+    add_train(subparsers)
     add_import_weights(subparsers)
     return parser

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..file_formats import titles
-from ..render.camera import UPS, VIEWS
-from ..render.figure import draw
+from ..render.views import UPS, VIEWS
+from .common import check_writable
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -57,7 +57,7 @@ def _size(text: str) -> tuple[int, int]:
 
 def _render(options: argparse.Namespace) -> int:
     from ..formats.files import read_any
-    from .common import check_writable
+    from ..render.figure import draw
 
     check_writable(options.output)
     clouds = [read_any(path) for path in (options.before, options.after) if path is not None]

@@ -6,15 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..models.catalog import KINDS
+
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 
-def add_train(subparsers: Subparsers, *, complete: bool) -> None:
-    """Add the command ``train``; its options cost an import of torch, so only where they are needed."""
+def add_train(subparsers: Subparsers) -> None:
+    """Add the command ``train``."""
     parser = subparsers.add_parser("train", help="train a network on generated shapes")
-    if complete:
-        add_train_arguments(parser)
+    add_train_arguments(parser)
     parser.set_defaults(run=_train)
 
 
@@ -27,10 +28,8 @@ def _train(options: argparse.Namespace) -> int:
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``pcdnf train``."""
-    from ..training.defaults import DEFAULTS
-
     parser.add_argument("folder", type=Path, help="where the run lives; an interrupted run goes on from there")
-    parser.add_argument("--kind", choices=sorted(DEFAULTS), default="lite", help="which network")
+    parser.add_argument("--kind", choices=sorted(KINDS), default="lite", help="which network")
     parser.add_argument("--minutes", type=float, default=60.0, help="wall time of the whole schedule")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     parser.add_argument("--threads", type=int, default=1, help="threads of torch")

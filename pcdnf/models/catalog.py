@@ -9,20 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from safetensors import safe_open
-
 from ..errors import PcdnfError
 
 FORMAT = 1
-
-
+"""Version of the metadata's layout."""
 DEFAULT_MODEL = "pcdnf-lite"
-
-
 WEIGHTS = Path(__file__).parents[1] / "weights"
-
-
 KINDS = ("pcdnf", "lite")
+"""Kinds of networks: the paper's, and the light one."""
 
 
 class CheckpointError(PcdnfError):
@@ -60,11 +54,18 @@ def available_models() -> list[ModelInfo]:
     models = []
     for name, entry in _index().items():
         path = WEIGHTS / entry["file"]
-        with safe_open(path, framework="np") as file:
-            info = model_info(path, entry["sha256"], file.metadata() or {})
+        info = model_info(path, entry["sha256"], _metadata(path))
         assert info.name == name
         models.append(info)
     return sorted(models, key=lambda info: (info.name != DEFAULT_MODEL, info.name))
+
+
+def _metadata(path: Path) -> dict[str, str]:
+    """Metadata of a shipped safetensors file: the length of its header in eight bytes, then JSON."""
+    with path.open("rb") as file:
+        header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
+    metadata: dict[str, str] = header["__metadata__"]
+    return metadata
 
 
 def _index() -> dict[str, dict[str, str]]:

@@ -7,18 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .views import VIEWS
+
 Floats = NDArray[np.float64]
 
 FLAT = 0.5
 """A cloud whose height is under this part of its largest side lies on the ground: z is up."""
 TALL = 1.2
 """One that is this much higher than wide stands upright: z is up. Otherwise y is, as in most meshes."""
-VIEWS = {
-    "front": (0, 0, 1), "back": (0, 0, -1), "right": (1, 0, 0), "left": (-1, 0, 0), "top": (0, 1, 0),
-    "bottom": (0, -1, 0), "corner": (0.8, 0.7, 1),
-}  # fmt: skip
-"""Where the eye is: parts of right, up and front."""
-UPS = ("x", "y", "z", "-x", "-y", "-z")
 _AZIMUTHS = np.radians(np.arange(15, 360, 30))
 _ELEVATION = np.radians(24)
 _SIDESTEP = np.radians(12)
@@ -96,7 +92,10 @@ def looking(direction: Floats, up: Floats, points: Floats) -> Camera:
 
 
 def named(view: str, up: str, points: Floats) -> Camera:
-    """One of :data:`VIEWS`, with an axis of :data:`UPS` upright. From the front, x (y where x is up) runs right."""
+    """One of :data:`~pcdnf.render.views.VIEWS`, with an axis of :data:`~pcdnf.render.views.UPS` upright.
+
+    From the front, x runs right (y if x is up).
+    """
     axis = "xyz".index(up[-1])
     upright = np.eye(3)[axis] * (-1 if up.startswith("-") else 1)
     right = np.eye(3)[1 if axis == 0 else 0]
@@ -112,7 +111,7 @@ def automatic(points: Floats, normals: Floats, up: str | None = None) -> Camera:
 
     A scan whose sensor, at the origin, lies outside its box is seen from near the sensor; anything else
     from 24 degrees above, from the side on which most differently turned surfaces are seen. Of ``up``, one of
-    :data:`UPS`, nothing is guessed.
+    :data:`~pcdnf.render.views.UPS`, nothing is guessed.
     """
     low, high = np.percentile(points, [1, 99], axis=0)
     sides, middle = high - low, (low + high) / 2

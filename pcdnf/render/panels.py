@@ -148,9 +148,9 @@ def render_panels(
     size : (width, height), optional
         Pixels of the whole picture; by default 1600 x 900, wider for three panels and higher for two rows.
     view : Camera or str, optional
-        A name of ``pcdnf.render.camera.VIEWS``; by default chosen from the shape.
+        A name of ``pcdnf.render.views.VIEWS``; by default chosen from the shape.
     up : str, optional
-        A name of ``pcdnf.render.camera.UPS``; by default guessed, and y for a named view.
+        A name of ``pcdnf.render.views.UPS``; by default guessed, and y for a named view.
     inset : bool
         Whether a detail is shown magnified, the same in every panel that is no map.
     coloured : bool

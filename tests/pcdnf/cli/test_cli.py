@@ -268,18 +268,6 @@ def test_commands_of_other_packages_are_found(capsys: pytest.CaptureFixture[str]
     assert "serve" in capsys.readouterr().out
 
 
-def test_help_is_quick_because_it_imports_no_torch() -> None:
-    code = (
-        "import sys\n"
-        "from pcdnf.cli.main import main\n"
-        "try: main(['--help'])\n"
-        "finally: print('torch' in sys.modules, file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0
-    assert done.stderr.strip() == "False"
-
-
 def test_as_a_user_runs_it(noisy: Path, tmp_path: Path) -> None:
     command = [
         sys.executable,

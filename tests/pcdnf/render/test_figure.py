@@ -12,8 +12,9 @@ from PIL import Image
 
 from pcdnf.cli.main import main
 from pcdnf.formats import PointCloud, write
-from pcdnf.render.camera import UPS, VIEWS, named
+from pcdnf.render.camera import named
 from pcdnf.render.colour_maps import Scale
+from pcdnf.render.views import UPS, VIEWS
 
 COUNT = 4000
 
