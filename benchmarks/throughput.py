@@ -41,7 +41,7 @@ from pcdnf.models.build import build_network
 from pcdnf.models.checkpoint import load_checkpoint
 from pcdnf.models.config import NetworkConfig
 from pcdnf.models.cpu.allocator import keep_freed_memory
-from pcdnf.models.cpu.folded import FoldedPCDNF
+from pcdnf.models.cpu.folded import FoldedPCDNF, fold
 from pcdnf.models.cpu.folded_layers import Affine
 from pcdnf.models.cpu.folded_lite import FoldedLite
 from pcdnf.models.cpu.kernels import anchor as fused_anchor
@@ -175,8 +175,8 @@ def make_forms(batch: int, threads: int) -> dict[str, tuple[nn.Module, int, int]
         "edge-building, memory kept": (plain, batch, 512),
         f"edge-building, memory kept, by {PLAIN_BATCH}": (plain, PLAIN_BATCH, 512),
         "unfolded float32": (network, batch, 512),
-        "folded float32": (network.folded(), batch, 512),
-        "folded bfloat16": (network.folded(torch.bfloat16), batch, 512),
+        "folded float32": (fold(network), batch, 512),
+        "folded bfloat16": (fold(network, torch.bfloat16), batch, 512),
         "light float32": (light, LIGHT_BATCH, few),
         "light bfloat16": (Autocast(light), LIGHT_BATCH, few),
         "light folded float32": (FoldedLite(light), LIGHT_BATCH, few),

@@ -21,6 +21,7 @@ from torch.nn import functional as F
 
 from pcdnf.models.build import build_network
 from pcdnf.models.checkpoint import load_checkpoint
+from pcdnf.models.cpu.folded import fold
 from pcdnf.training.defaults import DEFAULTS
 from pcdnf.training.loader import TrainingBatches, stream
 from pcdnf.training.losses import Batch, joint_loss, normal_loss
@@ -77,7 +78,7 @@ def main() -> None:
     start, trials = loaded("pcdnf-lite"), arguments.trials.split(",")
     networks = [copy.deepcopy(start) for _ in trials]
     optimizers = [torch.optim.AdamW(network.parameters(), weight_decay=1e-4) for network in networks]
-    teacher = loaded("pcdnf").folded(torch.bfloat16) if "distilled" in trials else None
+    teacher = fold(loaded("pcdnf"), torch.bfloat16) if "distilled" in trials else None
     recipe = replace(DEFAULTS["pcdnf"].recipe, fewest=DEFAULTS_LITE.recipe.fewest)
     data = TrainingBatches(recipe, seed=SEED, batch=arguments.batch, pool=24, fresh_every=20, forerunner=None)
     for step, batch in zip(range(arguments.steps), stream(data, processes=1, pin=False), strict=False):

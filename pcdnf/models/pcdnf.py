@@ -214,9 +214,3 @@ class PCDNF(nn.Module):
             centre = points.square().sum(-1).argmin(1, keepdim=True)
             normal = gather_points(normals, centre)[:, 0]
         return NetworkOutput(displacement, normal, weight, selected, refined_points, refined_normals)
-
-    def folded(self, dtype: torch.dtype = torch.float32) -> nn.Module:
-        """The network for inference with its present weights; see ``pcdnf.models.cpu.folded.fold``."""
-        from .cpu.folded import fold
-
-        return fold(self, dtype)

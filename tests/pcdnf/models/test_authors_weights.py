@@ -12,6 +12,7 @@ from torch import Tensor
 from benchmarks.reference import ReleaseNetwork, random_release
 from pcdnf.errors import PcdnfError
 from pcdnf.models.authors_weights import CONFIG, convert_release, read_release
+from pcdnf.models.cpu.folded import fold
 from pcdnf.models.pcdnf import PCDNF
 
 
@@ -37,7 +38,7 @@ def test_agrees_with_an_edge_building_network_under_the_released_names(folded: b
     points, normals = patches(3)
     with torch.inference_mode():
         *exact, selected = plain.double()(points.double(), normals.double())
-        output = (network.folded() if folded else network)(points, normals)
+        output = (fold(network) if folded else network)(points, normals)
     displacement, normal, weight = (x.float() for x in exact)
     torch.testing.assert_close(output.displacement, displacement, rtol=0, atol=1e-3)
     torch.testing.assert_close(output.normal, normal, rtol=0, atol=1e-3)
@@ -68,7 +69,7 @@ def test_agrees_with_the_released_code(shared_data: Path, form: str) -> None:
             displacement, normal, weight, selected = plain(vector["points"], vector["normals"])
         else:
             network = imported(tensors)
-            output = (network.folded() if form == "folded" else network)(vector["points"], vector["normals"])
+            output = (fold(network) if form == "folded" else network)(vector["points"], vector["normals"])
             displacement, normal, weight, selected, *_ = output
     torch.testing.assert_close(displacement, vector["displacement"], rtol=0, atol=1e-3)
     torch.testing.assert_close(normal, vector["normal"], rtol=0, atol=1e-3)

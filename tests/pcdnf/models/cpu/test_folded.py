@@ -59,7 +59,7 @@ def test_other_patch_sizes() -> None:
     points, normals = patches(2, 150)
     with torch.no_grad():
         expected = network(points, normals)
-    output = network.folded()(points, normals)
+    output = fold(network)(points, normals)
     torch.testing.assert_close(output.displacement, expected.displacement, rtol=0, atol=1e-4)
     torch.testing.assert_close(output.normal, expected.normal, rtol=0, atol=1e-4)
 
@@ -101,7 +101,7 @@ def test_the_network_itself_stays_as_it_was() -> None:
     network = trained(NetworkConfig()).train()
     state = {name: tensor.clone() for name, tensor in network.state_dict().items()}
     points, normals = patches(2)
-    output = network.folded()(points, normals)
+    output = fold(network)(points, normals)
     assert not output.displacement.requires_grad
     assert network.training
     assert all(parameter.requires_grad for parameter in network.parameters())
