@@ -19,7 +19,7 @@ from triton.testing import do_bench
 
 from pcdnf import Denoiser
 from pcdnf.models.build import build_network
-from pcdnf.models.ops import neighbours as neighbors
+from pcdnf.models.ops import neighbours
 from pcdnf.models.ops import triton as triton_kernels
 from pcdnf.training.defaults import DEFAULTS
 from pcdnf.training.losses import Batch, Surface, joint_loss
@@ -38,15 +38,15 @@ def kernels() -> None:
         compare(
             f"graph of {k} in {channels} channels",
             lambda x=x, k=k: triton_kernels.knn(x, k, None),
-            lambda x=x, k=k: neighbors.knn_plain(x, k),
+            lambda x=x, k=k: neighbours.knn_plain(x, k),
         )
     values = torch.randn(256, 512, 64, device="cuda", requires_grad=True)
-    graph = neighbors.knn(torch.randn(256, 512, 3, device="cuda"), 16)
-    ours, plain = triton_kernels.GatherMax.apply(values, graph), neighbors.gather_max_plain(values, graph)
+    graph = neighbours.knn(torch.randn(256, 512, 3, device="cuda"), 16)
+    ours, plain = triton_kernels.GatherMax.apply(values, graph), neighbours.gather_max_plain(values, graph)
     compare(
         "gathered maximum",
         lambda: triton_kernels.GatherMax.apply(values, graph),
-        lambda: neighbors.gather_max_plain(values, graph),
+        lambda: neighbours.gather_max_plain(values, graph),
     )
     change = torch.randn_like(ours)
     compare(

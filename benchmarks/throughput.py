@@ -44,16 +44,16 @@ from pcdnf.models.cpu.allocator import keep_freed_memory
 from pcdnf.models.cpu.folded import FoldedPCDNF, fold
 from pcdnf.models.cpu.folded_layers import Affine
 from pcdnf.models.cpu.folded_lite import FoldedLite
-from pcdnf.models.cpu.kernels import anchor as fused_anchor
-from pcdnf.models.cpu.kernels import lite as fused_lite
-from pcdnf.models.cpu.kernels import pcdnf as fused
-from pcdnf.models.cpu.kernels import quadric as fused_fit
-from pcdnf.models.ops import knn_numba as selection
+from pcdnf.models.cpu.kernels import anchor as anchor_kernels
+from pcdnf.models.cpu.kernels import lite as lite_kernels
+from pcdnf.models.cpu.kernels import pcdnf as pcdnf_kernels
+from pcdnf.models.cpu.kernels import quadric as quadric_kernels
+from pcdnf.models.ops import knn_numba
 from pcdnf.models.pcdnf import PCDNF
 
 PARTS = ("forms", "modules", "scaling", "tiles")
 MODULES = ("points", "normals", "score", "augment_points", "augment_normals", "coordinate", "normal")
-KERNELS = (fused, fused_anchor, fused_fit, fused_lite, selection)
+KERNELS = (pcdnf_kernels, anchor_kernels, quadric_kernels, lite_kernels, knn_numba)
 """Modules whose compiled functions are timed one by one."""
 PLAIN_BATCH = 4
 """The edges of more patches do not stay in the caches."""

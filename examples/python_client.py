@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from pcdnf.client import Client, Job, JobError, ProblemError, Unreachable
+from pcdnf.client import Client, Job, JobError, ProblemError, UnreachableError
 
 
 def show(job: Job) -> None:
@@ -31,7 +31,7 @@ def main() -> None:
             client.result(job.id, target)
     except JobError as error:
         raise SystemExit(f"Job {error.job_id}: {error} {error.hint or ''}") from error
-    except (ProblemError, Unreachable) as error:
+    except (ProblemError, UnreachableError) as error:
         raise SystemExit(f"{error} {error.hint or ''}") from error
     print(f"{job.upload['points']} points, {job.parameters['model']}: {target}")
 

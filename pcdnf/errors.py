@@ -1,14 +1,19 @@
 """The exceptions of this package.
 
-PcdnfError                 a message that says what is wrong, a stable ``code``, a ``hint`` that says what to do
-├── formats.FormatError    a file that cannot be read, or a cloud that cannot be written
-├── checkpoint.CheckpointError   a model that cannot be found, read, trusted or written
-├── cloud.CloudError       points that cannot be denoised
-├── choices.ChoiceError    iterations, a radius, raw normals or a form that cannot be used
-├── device.DeviceError     a device or precision that is not there, or has no room
-├── MissingExtra           libraries that were not installed
-└── client.errors          Unreachable, ProblemError and its JobError: of a service
-``denoiser.Stopped`` is not an error: it is raised when the caller asked to stop.
+::
+
+    PcdnfError                 a message, a stable ``code`` and a ``hint`` that says what to do
+    ├── FormatError            a file cannot be read, or a cloud cannot be written (formats)
+    ├── CheckpointError        a model cannot be found, read, trusted or written (models.catalog)
+    ├── CloudError             these points cannot be denoised (inference.unit_frame)
+    ├── ChoiceError            these iterations, radius, initial normals or speed cannot be used (inference.options)
+    ├── DeviceError            the device or precision does not exist, or its memory is too small (inference.device)
+    ├── MissingExtraError      a library of an optional part is not installed
+    ├── UnreachableError       the service did not answer (client.errors)
+    └── ProblemError           the service answered with a problem (client.errors)
+        └── JobError           the job ended without a result (client.errors)
+
+``pcdnf.Stopped`` stands outside of the tree: it is raised when the caller asked to stop.
 """
 
 from __future__ import annotations
@@ -33,8 +38,12 @@ class PcdnfError(Exception):
         self.hint = hint
 
 
-class MissingExtra(PcdnfError, ImportError):
+class MissingExtraError(PcdnfError, ImportError):
     """A part of this package whose libraries were not installed."""
 
     def __init__(self, message: str, *, extra: str) -> None:
         super().__init__(message, code="missing_extra", hint=f"Run: pip install 'pcdnf[{extra}]'")
+
+
+MissingExtra = MissingExtraError
+"""The older name."""

@@ -22,7 +22,7 @@ from .geometry.normals import pca_normals
 
 CHAMFER_UNIT = 1e-5
 SURFACE_UNIT = 1e-3
-CLEAN_NORMAL_NEIGHBORS = 12
+CLEAN_NORMAL_NEIGHBOURS = 12
 """k of the PCA that stands in for clean normals that are not given."""
 
 Floats = NDArray[np.float64]
@@ -218,7 +218,7 @@ def _matched(points: ArrayLike, clean_points: ArrayLike, workers: int) -> _Match
 
 def _clean_normals(matched: _Matched, clean_normals: ArrayLike | None, workers: int) -> Floats:
     if clean_normals is None:
-        return pca_normals(matched.clean, CLEAN_NORMAL_NEIGHBORS, workers=workers).astype(np.float64)
+        return pca_normals(matched.clean, CLEAN_NORMAL_NEIGHBOURS, workers=workers).astype(np.float64)
     return _unit(_rows(clean_normals), len(matched.clean))
 
 

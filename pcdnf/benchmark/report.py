@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry.normals import pca_normals
-from ..metrics import CLEAN_NORMAL_NEIGHBORS, PointErrors, point_errors
+from ..metrics import CLEAN_NORMAL_NEIGHBOURS, PointErrors, point_errors
 from .clouds import CleanCloud
 from .intervals import paired_interval
 from .published import published_figures
@@ -134,7 +134,7 @@ class Report:
         from .pictures import Panel
 
         clean = self._clean(row)
-        normals = pca_normals(clean.points, CLEAN_NORMAL_NEIGHBORS) if clean.normals is None else clean.normals
+        normals = pca_normals(clean.points, CLEAN_NORMAL_NEIGHBOURS) if clean.normals is None else clean.normals
         return Panel("clean", clean.points, normals, np.zeros(len(clean.points)))
 
 

@@ -8,15 +8,15 @@ Needs the extra ``client`` (httpx). Short refusals (429, 503) and lost connectio
 repeated never makes a second job.
 """
 
-from ..errors import MissingExtra
+from ..errors import MissingExtraError
 
 try:
     import httpx as _httpx  # noqa: F401
 except ImportError as error:
-    raise MissingExtra("pcdnf.client needs httpx, which is not installed.", extra="client") from error
+    raise MissingExtraError("pcdnf.client needs httpx, which is not installed.", extra="client") from error
 
 from .client import Client
-from .errors import JobError, ProblemError, Unreachable
+from .errors import JobError, ProblemError, Unreachable, UnreachableError
 from .schemas import Execution, Job, Model, Plan, ProblemDetail, Progress
 from .transport import DEFAULT_URL
 
@@ -32,4 +32,5 @@ __all__ = [
     "ProblemError",
     "Progress",
     "Unreachable",
+    "UnreachableError",
 ]

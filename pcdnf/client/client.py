@@ -18,7 +18,7 @@ from ..file_formats import SUFFIXES
 from ..formats.files import replacing
 from .errors import JobError
 from .responses import error_of, retry_after
-from .retries import Notify, Patience
+from .retries import Notify, Retries
 from .schemas import Job, Model, ProblemDetail
 from .transfers import BytesDone, CountedFile, Download
 from .transport import DEFAULT_URL, checked_key, checked_url, transport_errors
@@ -53,7 +53,7 @@ class Client:
     ------
     PcdnfError
         ``bad_url`` or ``bad_key``. Every method also raises :class:`ProblemError` with what the service answered, and
-        :class:`Unreachable`.
+        :class:`UnreachableError`.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Client:
         self.has_key = bool(key)
         if key:
             headers["Authorization"] = f"Bearer {checked_key(key)}"
-        self._patience = Patience(patience, on_retry)
+        self._retries = Retries(patience, on_retry)
         self._http = httpx.Client(base_url=self.url, headers=headers, timeout=TIMEOUT)
 
     def __enter__(self) -> Client:
@@ -219,7 +219,7 @@ class Client:
                             raise error_of(response)
                         download.take(response)
 
-                self._patience.during(attempt)
+                self._retries.run(attempt)
                 download.check()
         except OSError as error:
             raise PcdnfError(
@@ -293,7 +293,7 @@ class Client:
                 return response
             raise error_of(response)
 
-        return self._patience.during(attempt, also=frozenset({409}) if method == "POST" else frozenset())
+        return self._retries.run(attempt, also=frozenset({409}) if method == "POST" else frozenset())
 
 
 def format_of(output: str | os.PathLike[str], source: str | os.PathLike[str] | None) -> str | None:

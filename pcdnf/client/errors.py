@@ -1,9 +1,11 @@
 """The exceptions of the client.
 
 PcdnfError
-├── Unreachable       no answer came: no connection, a broken one, or silence
+├── UnreachableError  no answer came: no connection, a broken one, or silence
 └── ProblemError      the service answered with a problem
     └── JobError      the job ended without a result
+
+``Unreachable`` is the older name of ``UnreachableError``.
 """
 
 from __future__ import annotations
@@ -16,8 +18,11 @@ if TYPE_CHECKING:
     from .schemas import ProblemDetail
 
 
-class Unreachable(PcdnfError):
+class UnreachableError(PcdnfError):
     """The service gave no answer."""
+
+
+Unreachable = UnreachableError
 
 
 class ProblemError(PcdnfError):

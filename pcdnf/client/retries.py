@@ -8,7 +8,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import TypeVar
 
-from .errors import ProblemError, Unreachable
+from .errors import ProblemError, UnreachableError
 
 FIRST_CONTACT_SECONDS = 5.0
 """A service that never answered is given up after this; a wrong address should not cost minutes."""
@@ -17,10 +17,10 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0
 TEMPORARY = frozenset({429, 502, 503, 504})
 
 T = TypeVar("T")
-Notify = Callable[[ProblemError | Unreachable, float], None]
+Notify = Callable[[ProblemError | UnreachableError, float], None]
 
 
-class Patience:
+class Retries:
     """How long a request is repeated before its error is raised.
 
     Parameters
@@ -36,7 +36,7 @@ class Patience:
         self._notify = notify
         self._reached = False
 
-    def during(self, attempt: Callable[[], T], *, also: frozenset[int] = frozenset()) -> T:
+    def run(self, attempt: Callable[[], T], *, also: frozenset[int] = frozenset()) -> T:
         """The result of ``attempt``, repeated while the service is busy or cannot be reached.
 
         Parameters
@@ -48,15 +48,15 @@ class Patience:
 
         Raises
         ------
-        ProblemError, Unreachable
+        ProblemError, UnreachableError
             The last error, once the next attempt would come too late.
         """
         began = time.monotonic()
         for number in count():
             try:
                 result = attempt()
-            except Unreachable as error:
-                failure: ProblemError | Unreachable = error
+            except UnreachableError as error:
+                failure: ProblemError | UnreachableError = error
                 allowed = self.seconds if self._reached else min(self.seconds, FIRST_CONTACT_SECONDS)
                 pause = _backoff(number)
             except ProblemError as error:

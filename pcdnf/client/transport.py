@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import httpx
 
 from ..errors import PcdnfError
-from .errors import Unreachable
+from .errors import UnreachableError
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 
@@ -62,7 +62,7 @@ def transport_errors(url: str) -> Iterator[None]:
                 hint="For a private authority, set SSL_CERT_FILE to its certificate.",
             ) from error
         what = "did not answer in time" if isinstance(error, httpx.TimeoutException) else "cannot be reached"
-        raise Unreachable(
+        raise UnreachableError(
             f"The service at {shown} {what} ({type(error).__name__}).",
             code="unreachable",
             hint="Check the address, and that the service runs.",

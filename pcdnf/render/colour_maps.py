@@ -29,7 +29,7 @@ _COLOURS = np.array([
 
 
 @dataclass(frozen=True)
-class Scale:
+class ColourScale:
     """What the colours mean: 0 to ``top``, in the unit of the file.
 
     Attributes
@@ -44,7 +44,7 @@ class Scale:
     exceeded: bool
 
     @classmethod
-    def of(cls, *values: Floats) -> Scale:
+    def of(cls, *values: Floats) -> ColourScale:
         """The scale of some arrays (N,) together."""
         every = np.concatenate(values)
         most = float(np.percentile(every, SHARE))
@@ -97,7 +97,7 @@ def described(values: Floats) -> str:
 
 
 def draw_legend(
-    panel: Pictures.Image, scale: Scale, unit: str, margin: int, colour: tuple[int, int, int]
+    panel: Pictures.Image, scale: ColourScale, unit: str, margin: int, colour: tuple[int, int, int]
 ) -> tuple[int, int, int, int]:
     """A horizontal bar with numbers at the foot of a panel; returns the box of the bar."""
     width, height = panel.size

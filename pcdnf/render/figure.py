@@ -67,7 +67,7 @@ def draw(
 
 
 def _maps(clouds: list[PointCloud], clean: PointCloud | None, kind: str, labels: list[str], unit: str) -> list[Panel]:
-    from .colour_maps import Scale, described, displacement, error
+    from .colour_maps import ColourScale, described, displacement, error
     from .panels import Panel
 
     pair = len(clouds) == 2
@@ -91,7 +91,7 @@ def _maps(clouds: list[PointCloud], clean: PointCloud | None, kind: str, labels:
             f"distance to the clean surface, in {of}",
             clouds,
         )
-    scale = Scale.of(*values)
+    scale = ColourScale.of(*values)
     return [
         Panel(cloud, name, described(value), value, scale, legend)
         for cloud, name, value in zip(shown, names, values, strict=True)

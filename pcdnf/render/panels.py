@@ -18,20 +18,20 @@ from scipy.spatial import cKDTree
 from ..formats import PointCloud
 from ..geometry.normals import pca_normals
 from .camera import Camera, Floats, automatic, named
-from .colour_maps import Scale, draw_legend
+from .colour_maps import ColourScale, draw_legend
 from .splats import Image, draw, visible
 
 MOST_DRAWN = 2_000_000
 """Points drawn of each cloud; of larger ones a fixed random choice."""
 OVERSAMPLING = 2
-NORMAL_NEIGHBORS = 24
+NORMAL_NEIGHBOURS = 24
 ZOOM = 5.0
 MAP_SHADING = 0.35
 """Enough to see the shape, little enough to compare the colours with the legend."""
 DEFAULT_SIZES = {1: (1000, 900), 2: (1600, 900), 3: (2250, 900), 4: (1600, 1500)}
 """Pixels, by the number of panels."""
 
-_COVERING_NEIGHBORS = 6
+_COVERING_NEIGHBOURS = 6
 _OVERLAP = 1.1
 """Discs reach past this neighbour: 1 pixel in 1 000 of a randomly sampled surface stays open."""
 _SPARSE = 1.7
@@ -62,7 +62,7 @@ class Panel:
     label: str
     caption: str
     values: Floats | None = None
-    scale: Scale | None = None
+    scale: ColourScale | None = None
     unit: str = ""
 
 
@@ -201,7 +201,7 @@ def _drawable(cloud: PointCloud, coloured: bool) -> _Drawable:
         chosen = np.sort(np.random.default_rng(0).choice(len(cloud), MOST_DRAWN, replace=False))
     points = cloud.points[chosen].astype(np.float64)
     stored = cloud.normals
-    normals = pca_normals(points, NORMAL_NEIGHBORS) if stored is None else stored[chosen]
+    normals = pca_normals(points, NORMAL_NEIGHBOURS) if stored is None else stored[chosen]
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(points), 1)), where=length > 0)
     colours = _colours(cloud) if coloured else None
@@ -231,7 +231,7 @@ def _thinned(cloud: _Drawable, most: int) -> tuple[Floats, Floats]:
 
 def _covering_radius(points: Floats) -> Floats:
     """Radii of discs that close the surface: wider where points are sparse, within reason."""
-    count = min(_COVERING_NEIGHBORS + 1, len(points))
+    count = min(_COVERING_NEIGHBOURS + 1, len(points))
     distance, _ = cKDTree(points).query(points, [count], workers=-1)
     typical = float(np.median(distance)) or float(distance.mean()) or 1.0
     radius: Floats = _OVERLAP * np.clip(distance[:, 0], typical, _SPARSE * typical)

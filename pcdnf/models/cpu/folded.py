@@ -22,10 +22,20 @@ from ..decoder import REGRESSOR_NEIGHBOURS, CoordinateRegressor, NormalRegressor
 from ..layers import SLOPE, Conv1x1
 from ..pcdnf import PCDNF, MultiscaleFeatureExtractor, NetworkOutput, ShapeAwareSelector
 from ..quadric import TERMS, QuadricFit, real_points
-from .folded_layers import Affine, Edges, bare, coordinate_graph, feature_graph, fold_conv, pool, scale_shift, whole
-from .kernels import anchor as fused_anchor
-from .kernels import pcdnf as fused
-from .kernels import quadric as fused_fit
+from .folded_layers import (
+    Affine,
+    Edges,
+    as_numpy,
+    coordinate_graph,
+    feature_graph,
+    fold_conv,
+    pool,
+    require,
+    scale_shift,
+)
+from .kernels import anchor as anchor_kernels
+from .kernels import pcdnf as pcdnf_kernels
+from .kernels import quadric as quadric_kernels
 from .threads import in_parallel
 
 CHUNK = 8
@@ -59,8 +69,8 @@ class _Extractor:
         graph = coordinate_graph(x, self.k2)  # (B, M, k2)
         projected = self.project(x.view(B * M, 3)).view(B, M, 96).numpy()
         f = torch.empty(B, M, 48, dtype=self.dtype)
-        fused.edge_conv(projected, 0, 48, graph.numpy(), self.k1, self.scales[0], SLOPE, bare(f), 0)
-        fused.edge_conv(projected, 16, 64, graph.numpy(), self.k2, self.scales[1], SLOPE, bare(f), 16)
+        pcdnf_kernels.edge_conv(projected, 0, 48, graph.numpy(), self.k1, self.scales[0], SLOPE, as_numpy(f), 0)
+        pcdnf_kernels.edge_conv(projected, 16, 64, graph.numpy(), self.k2, self.scales[1], SLOPE, as_numpy(f), 16)
         f = self.mix(f.view(B * M, 48))  # (B M, 64)
         f = self.feature(f, feature_graph(f.view(B, M, 64), self.k3))  # (B, M, 64)
         f = self.lift(f.view(B * M, 64))  # (B M, 128)
@@ -71,7 +81,7 @@ class _Anchor:
     """The fits that the decoders correct, and what the selector learns from the first of them."""
 
     def __init__(self, selector: ShapeAwareSelector) -> None:
-        first, against, steer = whole(selector.first), whole(selector.against), whole(selector.steer)
+        first, against, steer = require(selector.first), require(selector.against), require(selector.steer)
         self.ridge = torch.tensor(ANCHOR_RIDGE)
         self.first = first.weight[0].numpy(), float(first.bias)
         self.against = against.weight.T.contiguous().numpy(), against.bias.numpy()
@@ -80,8 +90,8 @@ class _Anchor:
     def refine(self, guides: Tensor, points: Tensor, normals: Tensor) -> Tensor:
         """Add to guides (B, M, 192) in place; points, normals (B, M, 3) -> weights of the normals (B, M)."""
         slope_weights = torch.empty(points.shape[:2])
-        fused_anchor.first_fit(
-            *(bare(x) for x in (guides, points, normals)),
+        anchor_kernels.first_fit(
+            *(as_numpy(x) for x in (guides, points, normals)),
             ANCHOR_FLOOR,
             self.ridge.numpy(),
             *self.first,
@@ -95,7 +105,7 @@ class _Anchor:
         """As :func:`pcdnf.models.anchor.anchor`."""
         weight = (weight + ANCHOR_FLOOR).mul_(real_points(points))
         fits, ridge = torch.empty(len(points), TERMS), self.ridge.expand(len(points), TERMS)
-        fused_fit.fit_patches(*(x.numpy() for x in (points, weight, normals, slope_weights, ridge, fits)))
+        quadric_kernels.fit_patches(*(x.numpy() for x in (points, weight, normals, slope_weights, ridge, fits)))
         return QuadricFit(fits)
 
 
@@ -162,21 +172,21 @@ class FoldedPCDNF(nn.Module):
     def __init__(self, network: PCDNF, dtype: torch.dtype) -> None:
         super().__init__()
         self.config, self.dtype = network.config, dtype
-        selector, refinement, decoder = whole(network.selector), whole(network.refinement), network.decoder
-        self.points = _Extractor(whole(network.point_extractor), whole(selector.points), dtype)
-        self.normals = _Extractor(whole(network.normal_extractor), whole(selector.normals), dtype)
+        selector, refinement, decoder = require(network.selector), require(network.refinement), network.decoder
+        self.points = _Extractor(require(network.point_extractor), require(selector.points), dtype)
+        self.normals = _Extractor(require(network.normal_extractor), require(selector.normals), dtype)
         self.angle, self.distance = (
             torch.stack([layer.weight[:, 0], layer.bias]).numpy()
-            for layer in (whole(selector.angle), selector.distance)
+            for layer in (require(selector.angle), selector.distance)
         )
         weight, bias = selector.score.linear.weight, scale_shift(selector.score.norm)
         # The guide kernel concatenates points, normals, angle, distance, as the selector does.
         self.score = Affine(bias[0][:, None] * weight, bias[1], dtype)
         self.anchor = _Anchor(selector) if network.config.anchor else None
-        self.augment_points = fold_conv(whole(refinement.point), dtype)
-        self.augment_normals = fold_conv(whole(refinement.normal), dtype)
-        self.coordinate = _CoordinateRegressor(whole(decoder.coordinate), dtype)
-        self.normal = _NormalRegressor(whole(decoder.normal), dtype)
+        self.augment_points = fold_conv(require(refinement.point), dtype)
+        self.augment_normals = fold_conv(require(refinement.normal), dtype)
+        self.coordinate = _CoordinateRegressor(require(decoder.coordinate), dtype)
+        self.normal = _NormalRegressor(require(decoder.normal), dtype)
 
     @torch.inference_mode()
     def forward(self, points: Tensor, normals: Tensor) -> NetworkOutput:
@@ -196,18 +206,18 @@ class FoldedPCDNF(nn.Module):
 
         guides = torch.empty(B, M, 192, dtype=self.dtype)
         refined_points, refined_normals = torch.empty_like(points), torch.empty_like(normals)
-        fused.guide(
-            *(bare(x) for x in (points, normals, hidden_p, hidden_n)),
+        pcdnf_kernels.guide(
+            *(as_numpy(x) for x in (points, normals, hidden_p, hidden_n)),
             *self.points.last,
             *self.normals.last,
             self.angle,
             self.distance,
-            *(bare(x) for x in (refined_points, refined_normals, guides)),
+            *(as_numpy(x) for x in (refined_points, refined_normals, guides)),
         )
         steer = self.anchor.refine(guides, points, normals) if self.anchor else None  # (B, M)
         score = self.score(guides.view(B * M, -1)).view(B, M, -1)  # (B, M, 128)
         weight, selected = torch.empty(B, M), torch.zeros(B, self.config.selected, dtype=torch.int32)
-        fused.score(bare(score), SLOPE, weight.numpy(), selected.numpy())
+        pcdnf_kernels.score(as_numpy(score), SLOPE, weight.numpy(), selected.numpy())
         graph = coordinate_graph(refined_points, self.config.k4, selected)  # (B, K, k4)
 
         g_p = self.augment_points(self._augment(f_p, weight, selected, graph))  # (B K, 128)
@@ -226,7 +236,9 @@ class FoldedPCDNF(nn.Module):
             near = (weight[..., None] * f).to(f.dtype).transpose(1, 2).contiguous().view(f.shape)
             weight = torch.ones_like(weight)
         out = torch.empty(*selected.shape, f.shape[2], dtype=f.dtype)
-        fused.augment(bare(f), bare(near), *(x.numpy() for x in (weight, selected, graph)), bare(out))
+        pcdnf_kernels.augment(
+            as_numpy(f), as_numpy(near), *(x.numpy() for x in (weight, selected, graph)), as_numpy(out)
+        )
         return out.view(-1, f.shape[2])
 
 

@@ -16,8 +16,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..layers import SLOPE, ChannelNorm, Conv1x1, EdgeConv
-from ..ops import knn_numba as selection
-from .kernels import pcdnf as fused
+from ..ops import knn_numba
+from .kernels import pcdnf as pcdnf_kernels
 
 Part = TypeVar("Part", bound=nn.Module)
 
@@ -80,8 +80,8 @@ def _linear(x: Tensor, weight: Tensor, bias: Tensor | None = None, slope: float 
     return out
 
 
-def whole(part: Part | None) -> Part:
-    """A part that a whole network has."""
+def require(part: Part | None) -> Part:
+    """A part of a network, which must be there: the ablations have no folded form."""
     assert part is not None
     return part
 
@@ -115,8 +115,8 @@ class Edges:
         B, N, k = graph.shape
         channels = len(self.scale)
         out = torch.empty(B, N, channels, dtype=self.dtype)
-        projected = bare(self.project(x).view(B, N, 2 * channels))
-        fused.edge_conv(projected, 0, channels, graph.numpy(), k, self.scale, SLOPE, bare(out), 0)
+        projected = as_numpy(self.project(x).view(B, N, 2 * channels))
+        pcdnf_kernels.edge_conv(projected, 0, channels, graph.numpy(), k, self.scale, SLOPE, as_numpy(out), 0)
         return out
 
 
@@ -124,14 +124,14 @@ def feature_graph(x: Tensor, k: int) -> Tensor:
     """x (B, N, C) -> nearest points in feature space (B, N, k), int32."""
     B, N, _ = x.shape
     centred, squares = torch.empty_like(x), np.empty((B, N), np.float32)
-    fused.centre(bare(x), bare(centred), squares)
+    pcdnf_kernels.centre(as_numpy(x), as_numpy(centred), squares)
     graph = np.empty((B, N, k), np.int32)
     together = 1 if x.dtype is torch.float32 else TOGETHER
-    rows = everyone(together, N)
+    rows = all_queries(together, N)
     for b in range(0, B, together):
         part = slice(b, b + together)
         gram = inner_products(centred[part])  # in the caches until it is read
-        selection.select_features(bare(gram), squares[part], rows[: len(gram)], graph[part])
+        knn_numba.select_features(as_numpy(gram), squares[part], rows[: len(gram)], graph[part])
     return torch.from_numpy(graph)
 
 
@@ -145,13 +145,13 @@ def inner_products(x: Tensor) -> Tensor:
 def coordinate_graph(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
     """x (B, N, 3) -> nearest points (B, Q, k), int32."""
     B, N, _ = x.shape
-    rows = everyone(B, N) if queries is None else queries.numpy()
+    rows = all_queries(B, N) if queries is None else queries.numpy()
     graph = torch.empty(B, rows.shape[1], k, dtype=torch.int32)
-    selection.select_coordinates(x.numpy(), rows, graph.numpy())
+    knn_numba.select_coordinates(x.numpy(), rows, graph.numpy())
     return graph
 
 
-def everyone(B: int, N: int) -> np.ndarray[Any, np.dtype[np.int32]]:
+def all_queries(B: int, N: int) -> np.ndarray[Any, np.dtype[np.int32]]:
     """Every point of B patches as a query, (B, N)."""
     return np.ascontiguousarray(np.broadcast_to(np.arange(N, dtype=np.int32), (B, N)))
 
@@ -159,10 +159,10 @@ def everyone(B: int, N: int) -> np.ndarray[Any, np.dtype[np.int32]]:
 def pool(x: Tensor) -> Tensor:
     """x (B, N, C) -> maximum over N (B, C), float32."""
     out = torch.empty(x.shape[0], x.shape[2])
-    fused.pool(bare(x), out.numpy())
+    pcdnf_kernels.pool(as_numpy(x), out.numpy())
     return out
 
 
-def bare(x: Tensor) -> np.ndarray[Any, Any]:
+def as_numpy(x: Tensor) -> np.ndarray[Any, Any]:
     """The memory of a tensor; bfloat16 as uint16."""
     return (x.view(torch.uint16) if x.dtype is torch.bfloat16 else x).numpy()

@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from ..lite import LEAST, SLOPE, STEER, ContextBlock, LiteOutput, PCDNFLite, corrected, scaled_ridge
 from ..quadric import QuadricFit
-from .folded_layers import Affine, bare
-from .kernels import lite as fused_lite
-from .kernels import quadric as fused_fit
+from .folded_layers import Affine, as_numpy
+from .kernels import lite as lite_kernels
+from .kernels import quadric as quadric_kernels
 from .threads import in_parallel
 
 CHUNK = 64
@@ -86,27 +86,29 @@ class FoldedLite(nn.Module):
         B, M, _ = points.shape
         p, n = points.numpy(), normals.numpy()
         f, valid = torch.empty(B, M, self.config.width, dtype=self.dtype), torch.empty(B, M, dtype=torch.bool)
-        fused_lite.embed(p, n, self.inner, self.own, self.first_bias, SLOPE, bare(f), valid.numpy())
+        lite_kernels.embed(p, n, self.inner, self.own, self.first_bias, SLOPE, as_numpy(f), valid.numpy())
         f = self._product(self.embed, f)  # (B, M, width)
         context = torch.empty(B, 2 * self.config.width)
-        fused_lite.settle(bare(f), valid.numpy(), *self.embed_norm, SLOPE, context.numpy())
+        lite_kernels.normalise(as_numpy(f), valid.numpy(), *self.embed_norm, SLOPE, context.numpy())
         hidden = self._product(self.block.own, f)
-        fused_lite.activate(bare(hidden), self.block.context(context).numpy(), SLOPE)
+        lite_kernels.activate(as_numpy(hidden), self.block.context(context).numpy(), SLOPE)
         score = torch.empty(B, M)
         more = self._product(self.block_out, hidden)
-        fused_lite.add_settle(bare(f), bare(more), *self.block_norm, SLOPE, *self.first_score, score.numpy())
+        lite_kernels.add_normalise(
+            as_numpy(f), as_numpy(more), *self.block_norm, SLOPE, *self.first_score, score.numpy()
+        )
         weight = score.sigmoid_().add_(LEAST).mul_(valid)
 
-        fused_lite.against(bare(f), p, n, weight.numpy(), self.ridge.numpy(), *self.residual, context.numpy())
+        lite_kernels.against(as_numpy(f), p, n, weight.numpy(), self.ridge.numpy(), *self.residual, context.numpy())
         hidden = self._product(self.score.own, f)
         scores = torch.empty(2, B, M)
-        fused_lite.scores(bare(hidden), self.score.context(context).numpy(), SLOPE, *self.scores, scores.numpy())
+        lite_kernels.scores(as_numpy(hidden), self.score.context(context).numpy(), SLOPE, *self.scores, scores.numpy())
         scores = scores.sigmoid_()
         weight, steer = scores[0].add_(LEAST).mul_(valid), scores[1].mul_(valid)
         corrections = self.correct(context)  # (B, 9)
         ridge = scaled_ridge(self.ridge, corrections)  # (B, 6)
         fits = torch.empty(B, 6)
-        fused_fit.fit_patches(p, weight.numpy(), n, steer.numpy(), ridge.numpy(), fits.numpy())
+        quadric_kernels.fit_patches(p, weight.numpy(), n, steer.numpy(), ridge.numpy(), fits.numpy())
         return fits, corrections, weight
 
     def _product(self, layer: Affine, f: Tensor) -> Tensor:

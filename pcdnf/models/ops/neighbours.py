@@ -20,8 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from . import gather_numba as kernels
-from . import knn_numba as selection
+from . import gather_numba, knn_numba
 
 try:  # comes with torch's CUDA builds
     from . import triton as triton_kernels
@@ -48,7 +47,7 @@ def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
     _check(x, k)
     if x.is_cuda and triton_kernels is not None:
         return triton_kernels.knn(x.detach().float(), k, queries)
-    if x.device.type != "cpu" or k > selection.MOST:
+    if x.device.type != "cpu" or k > knn_numba.MOST:
         return knn_plain(x, k, queries)
     B, N, C = x.shape
     with torch.no_grad(), torch.autocast("cpu", enabled=False):
@@ -59,11 +58,11 @@ def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
         rows = queries.to(torch.int32).numpy()
         share_threads()
         if C == 3:
-            selection.select_coordinates(x.numpy(), rows, index.numpy())
+            knn_numba.select_coordinates(x.numpy(), rows, index.numpy())
         else:
             gram = _gram(x)
             squares = gram.diagonal(dim1=1, dim2=2).contiguous()
-            selection.select_features(gram.numpy(), squares.numpy(), rows, index.numpy())
+            knn_numba.select_features(gram.numpy(), squares.numpy(), rows, index.numpy())
     return index
 
 
@@ -161,11 +160,11 @@ class _GatherMax(torch.autograd.Function):
         share_threads()
         if ctx.needs_input_grad[0]:
             winner = torch.empty(out.shape, dtype=torch.int32)
-            kernels.gather_argmax(_array(values), index.numpy(), out.numpy(), winner.numpy())
+            gather_numba.gather_argmax(_array(values), index.numpy(), out.numpy(), winner.numpy())
             ctx.save_for_backward(winner)
             ctx.points = values.shape[1]
         else:
-            kernels.gather_max(_array(values), index.numpy(), out.numpy())
+            gather_numba.gather_max(_array(values), index.numpy(), out.numpy())
         return out
 
     @staticmethod
@@ -173,7 +172,7 @@ class _GatherMax(torch.autograd.Function):
         (winner,) = ctx.saved_tensors
         out = torch.zeros(winner.shape[0], ctx.points, winner.shape[2])
         share_threads()
-        kernels.gather_argmax_backward(_array(grads[0].float().contiguous()), winner.numpy(), out.numpy())
+        gather_numba.gather_argmax_backward(_array(grads[0].float().contiguous()), winner.numpy(), out.numpy())
         return out, None
 
 
@@ -183,7 +182,7 @@ class _GatherMean(torch.autograd.Function):
         values, index = values.contiguous(), index.contiguous()
         out = values.new_empty(index.shape[0], index.shape[1], values.shape[2])
         share_threads()
-        kernels.gather_mean(_array(values), index.numpy(), out.numpy())
+        gather_numba.gather_mean(_array(values), index.numpy(), out.numpy())
         ctx.save_for_backward(index)
         ctx.points = values.shape[1]
         return out
@@ -194,7 +193,7 @@ class _GatherMean(torch.autograd.Function):
         grad = grads[0].float().contiguous()
         out = torch.zeros(index.shape[0], ctx.points, grad.shape[2])
         share_threads()
-        kernels.gather_mean_backward(_array(grad), index.numpy(), out.numpy())
+        gather_numba.gather_mean_backward(_array(grad), index.numpy(), out.numpy())
         return out, None
 
 

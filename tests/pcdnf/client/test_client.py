@@ -29,7 +29,7 @@ from pcdnf.client import (
     ProblemDetail,
     ProblemError,
     Progress,
-    Unreachable,
+    UnreachableError,
 )
 from pcdnf.errors import PcdnfError
 from pcdnf.formats import read
@@ -155,7 +155,7 @@ def test_a_wrong_address_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> No
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     began = time.monotonic()
-    with Client(f"http://someone:secret@127.0.0.1:{port}/x") as client, pytest.raises(Unreachable) as raised:
+    with Client(f"http://someone:secret@127.0.0.1:{port}/x") as client, pytest.raises(UnreachableError) as raised:
         client.models()
     assert time.monotonic() - began < 3
     assert f"http://127.0.0.1:{port}/x" in str(raised.value)

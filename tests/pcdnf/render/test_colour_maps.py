@@ -9,7 +9,7 @@ from PIL import Image
 
 from pcdnf.errors import PcdnfError
 from pcdnf.formats import PointCloud
-from pcdnf.render.colour_maps import Scale, described, displacement, draw_legend, error
+from pcdnf.render.colour_maps import ColourScale, described, displacement, draw_legend, error
 
 
 def plane(count: int = 2000, height: float = 0.0) -> PointCloud:
@@ -32,25 +32,25 @@ def test_error_is_the_distance_to_the_surface_in_the_unit_of_the_file() -> None:
 
 def test_a_scale_ends_at_a_round_number_above_nearly_all_values() -> None:
     values = np.r_[np.linspace(0, 0.0437, 1000), 9.0]
-    scale = Scale.of(values)
+    scale = ColourScale.of(values)
     assert scale.top == pytest.approx(0.05)
     assert [label for _, label in scale.ticks] == ["0", "0.0125", "0.025", "0.0375", "0.05+"]
-    assert Scale.of(np.array([1.0, 2.0]), np.array([2.9])).ticks[-1] == (3.0, "3")
-    assert Scale.of(np.zeros(5)).top == 1.0
-    assert Scale.of(np.r_[np.zeros(5000), 7.0]).top == 8.0
+    assert ColourScale.of(np.array([1.0, 2.0]), np.array([2.9])).ticks[-1] == (3.0, "3")
+    assert ColourScale.of(np.zeros(5)).top == 1.0
+    assert ColourScale.of(np.r_[np.zeros(5000), 7.0]).top == 8.0
 
 
 def test_colours_are_viridis_whose_lightness_rises_evenly() -> None:
-    encoded = Scale(2.0, False).colours(np.linspace(0, 2, 101)) ** (1 / 2.2)
+    encoded = ColourScale(2.0, False).colours(np.linspace(0, 2, 101)) ** (1 / 2.2)
     np.testing.assert_allclose(encoded, colormaps["viridis"](np.linspace(0, 1, 101))[:, :3], atol=0.02)
-    luminance = Scale(2.0, False).colours(np.linspace(0, 2, 101)) @ [0.2126, 0.7152, 0.0722]
+    luminance = ColourScale(2.0, False).colours(np.linspace(0, 2, 101)) @ [0.2126, 0.7152, 0.0722]
     assert np.all(np.diff(luminance) > 0), "also in black and white"
-    above = Scale(2.0, True).colours(np.array([2.0, 50.0]))
+    above = ColourScale(2.0, True).colours(np.array([2.0, 50.0]))
     np.testing.assert_array_equal(above[0], above[1])
 
 
 def test_the_legend_shows_the_colours_from_0_to_the_top() -> None:
-    scale = Scale(2.0, True)
+    scale = ColourScale(2.0, True)
     panel = Image.new("RGB", (400, 300))
     left, top, right, bottom = draw_legend(panel, scale, "mm", 10, (255, 255, 255))
     pixels = np.asarray(panel)

@@ -13,7 +13,7 @@ from PIL import Image
 from pcdnf.cli.main import main
 from pcdnf.formats import PointCloud, write
 from pcdnf.render.camera import named
-from pcdnf.render.colour_maps import Scale
+from pcdnf.render.colour_maps import ColourScale
 from pcdnf.render.views import UPS, VIEWS
 
 COUNT = 4000
@@ -63,7 +63,7 @@ def test_before_after_and_displacement(files: dict[str, str], tmp_path: Path) ->
     assert red_part(before) > 0.1
     assert red_part(after) > 0.1
     assert red_part(moved) < 0.01, "the map has colours of its own"
-    low, high = (Scale(0.1, False).colours(np.array([value]))[0] ** (1 / 2.2) * 255 for value in (0.005, 0.095))
+    low, high = (ColourScale(0.1, False).colours(np.array([value]))[0] ** (1 / 2.2) * 255 for value in (0.005, 0.095))
     assert share(moved, low) > 0.005
     assert share(moved, high) > 0.005
     assert share(after, high) < 0.001
@@ -73,7 +73,7 @@ def test_error_maps_share_one_scale(files: dict[str, str], tmp_path: Path) -> No
     arguments = [files["before"], files["after"], "--clean", files["clean"], "--size", "600x600", "--no-detail"]
     picture = drawn(tmp_path, *arguments)
     lower = picture[300:540]
-    lowest = Scale(1.0, False).colours(np.array([0.0]))[0] ** (1 / 2.2) * 255
+    lowest = ColourScale(1.0, False).colours(np.array([0.0]))[0] ** (1 / 2.2) * 255
     assert share(lower[:, 300:], lowest) > 0.1, "nothing is left of the error"
     assert share(lower[:, :300], lowest) < 0.06
     assert red_part(picture[:300]) > 0.1

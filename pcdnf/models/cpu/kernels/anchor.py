@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from ...ops.bfloat16 import Features, Float, narrowed, widened
-from .quadric import fit_points, left_over
+from .quadric import fit_points, residuals
 
 _jit: Any = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 
@@ -51,7 +51,7 @@ def first_fit(
             real = i == 0 or x != 0 or y != 0 or z != 0
             weight[i] = score[i] + np.float32(floor) if real else np.float32(0)
         fit_points(points[b], weight, ridge, fit)
-        left_over(points[b], normals[b], fit.astype(np.float32), height, cosine)
+        residuals(points[b], normals[b], fit.astype(np.float32), height, cosine)
         for i in range(M):
             above, size, share, along = height[i], abs(height[i]), score[i], cosine[i]
             row = guides[b, i]

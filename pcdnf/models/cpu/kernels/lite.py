@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from ...ops.bfloat16 import Features, Float, narrowed, widened
-from .quadric import fit_points, left_over
+from .quadric import fit_points, residuals
 
 EPSILON = 1e-5
 """Of LayerNorm."""
@@ -58,7 +58,7 @@ def embed(
 
 
 @_jit
-def settle(features: Features, valid: Any, scale: Float, shift: Float, slope: float, context: Float) -> None:
+def normalise(features: Features, valid: Any, scale: Float, shift: Float, slope: float, context: Float) -> None:
     """LayerNorm and activation in place, and their maximum and mean over the neighbours.
 
     features (B, M, C), valid (B, M) bool: no padding; scale, shift (C,), context (B, 2 C).
@@ -117,7 +117,7 @@ def activate(hidden: Features, context: Float, slope: float) -> None:
 
 
 @_jit
-def add_settle(
+def add_normalise(
     features: Features,
     more: Features,
     scale: Float,
@@ -192,7 +192,7 @@ def against(
     height, cosine = np.empty(M, np.float32), np.empty(M, np.float32)
     for b in range(B):
         fit_points(points[b], weights[b], ridge, fit)
-        left_over(points[b], normals[b], fit.astype(np.float32), height, cosine)
+        residuals(points[b], normals[b], fit.astype(np.float32), height, cosine)
         highest, mean = context[b, :C], context[b, C:]
         highest[:] = -np.inf
         mean[:] = 0

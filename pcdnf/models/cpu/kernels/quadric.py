@@ -163,7 +163,7 @@ def fit_patches(points: Float, weights: Float, normals: Float, slope_weights: Fl
 
 
 @_jit
-def left_over(points: Float, normals: Float, fit: Float, height: Float, cosine: Float) -> None:
+def residuals(points: Float, normals: Float, fit: Float, height: Float, cosine: Float) -> None:
     """Four times the height (M,) of points (M, 3) above a fit (6,), at most 8, and the cosine (M,) of their normals."""
     h, p, q, r, s, t = fit
     one, two, most = np.float32(1), np.float32(2), np.float32(8)

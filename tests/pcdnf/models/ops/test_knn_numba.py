@@ -1,4 +1,4 @@
-"""The selection kernels by themselves; ``test_neighbors.py`` holds them to the plain form."""
+"""The selection kernels by themselves; ``test_neighbours.py`` holds them to the plain form."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pcdnf.models.cpu.folded_layers import bare
+from pcdnf.models.cpu.folded_layers import as_numpy
 from pcdnf.models.ops.knn_numba import GROUPS, MOST, NETWORK, select_coordinates, select_features
 
 
@@ -41,7 +41,7 @@ def test_features_in_bfloat16_with_their_ties() -> None:
     gram = x @ x.transpose(1, 2)
     squares = x.float().square().sum(-1)
     index = np.full((1, 512, 16), -1, np.int32)
-    select_features(bare(gram), squares.numpy(), np.arange(512, dtype=np.int32)[None], index)
+    select_features(as_numpy(gram), squares.numpy(), np.arange(512, dtype=np.int32)[None], index)
     np.testing.assert_array_equal(index[0], order((squares - 2 * gram[0].float()).numpy(), 16))
 
 

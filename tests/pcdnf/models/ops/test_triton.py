@@ -7,7 +7,7 @@ import os
 import pytest
 import torch
 
-from pcdnf.models.ops import neighbours as neighbors
+from pcdnf.models.ops import neighbours
 
 pytest.importorskip("triton")
 INTERPRETED = os.environ.get("TRITON_INTERPRET") == "1"
@@ -29,16 +29,16 @@ def test_the_same_graph(channels: int, k: int, some: bool) -> None:
     graph = triton_kernels.knn(x, k, queries)
     assert graph.dtype == torch.int32
     if channels == 3:
-        assert torch.equal(graph, neighbors.knn_plain(x, k, queries))
+        assert torch.equal(graph, neighbours.knn_plain(x, k, queries))
     else:  # sums in another order: a last digit may decide between two
-        assert (graph == neighbors.knn_plain(x, k, queries)).float().mean() > 0.99
+        assert (graph == neighbours.knn_plain(x, k, queries)).float().mean() > 0.99
 
 
 def test_the_same_maximum_and_gradient() -> None:
     torch.manual_seed(0)
     values = torch.randn(2, 100, 48, device=DEVICE, requires_grad=True)
-    graph = neighbors.knn_plain(torch.randn(2, 100, 3, device=DEVICE), 9)
-    ours, plain = triton_kernels.GatherMax.apply(values, graph), neighbors.gather_max_plain(values, graph)
+    graph = neighbours.knn_plain(torch.randn(2, 100, 3, device=DEVICE), 9)
+    ours, plain = triton_kernels.GatherMax.apply(values, graph), neighbours.gather_max_plain(values, graph)
     assert torch.equal(ours, plain)
     change = torch.randn_like(ours)
     (a,), (b,) = (torch.autograd.grad(x, values, change) for x in (ours, plain))

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from pcdnf.models.anchor import ANCHOR_FLOOR, ANCHOR_RIDGE, anchor
-from pcdnf.models.cpu.folded_layers import bare
+from pcdnf.models.cpu.folded_layers import as_numpy
 from pcdnf.models.cpu.kernels.anchor import first_fit
 
 CHANNELS = 48
@@ -27,7 +27,7 @@ def test_it_is_the_selectors_arithmetic(dtype: torch.dtype, tolerance: float) ->
         score = torch.sigmoid(first(guides.float())[..., 0])
         expected = guides.float() + against(anchor(points, score).against(points, score, normals))
         first_fit(
-            bare(guides), points.numpy(), normals.numpy(), ANCHOR_FLOOR, np.float32(ANCHOR_RIDGE),
+            as_numpy(guides), points.numpy(), normals.numpy(), ANCHOR_FLOOR, np.float32(ANCHOR_RIDGE),
             first.weight[0].numpy(), float(first.bias), against.weight.T.contiguous().numpy(), against.bias.numpy(),
             steer.weight[0].numpy(), float(steer.bias), slope_weights.numpy(),
         )  # fmt: skip

@@ -3,8 +3,8 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from pcdnf.models.cpu.folded_layers import bare
-from pcdnf.models.cpu.kernels import lite as fused_lite
+from pcdnf.models.cpu.folded_layers import as_numpy
+from pcdnf.models.cpu.kernels import lite as lite_kernels
 
 SLOPE = 0.2
 
@@ -26,7 +26,7 @@ def test_settle(dtype: torch.dtype, bound: float) -> None:
     valid = torch.ones(3, 21, dtype=torch.bool)
     valid[1, 4:] = False
     context = torch.empty(3, 80)
-    fused_lite.settle(bare(x), valid.numpy(), scale.numpy(), shift.numpy(), SLOPE, context.numpy())
+    lite_kernels.normalise(as_numpy(x), valid.numpy(), scale.numpy(), shift.numpy(), SLOPE, context.numpy())
     assert (x.float() - expected).abs().max() < bound
     kept = expected[1, :4]
     assert torch.allclose(context[1], torch.cat([kept.amax(0), kept.mean(0)]), atol=1e-5)
@@ -38,7 +38,9 @@ def test_add_settle(dtype: torch.dtype, bound: float) -> None:
     x, more, (scale, shift) = features(dtype), features(dtype, 1), norm()
     expected = F.leaky_relu(F.layer_norm(x.float() + more.float(), (40,), scale, shift), SLOPE)
     weight, score = torch.linspace(-1, 1, 40), torch.empty(3, 21)
-    fused_lite.add_settle(bare(x), bare(more), scale.numpy(), shift.numpy(), SLOPE, weight.numpy(), 0.5, score.numpy())
+    lite_kernels.add_normalise(
+        as_numpy(x), as_numpy(more), scale.numpy(), shift.numpy(), SLOPE, weight.numpy(), 0.5, score.numpy()
+    )
     assert (x.float() - expected).abs().max() < bound
     assert torch.allclose(score, expected @ weight + 0.5, atol=1e-4)
 
@@ -46,5 +48,5 @@ def test_add_settle(dtype: torch.dtype, bound: float) -> None:
 def test_equal_channels_settle_at_the_shift() -> None:
     x, (scale, shift) = torch.full((1, 2, 40), 7.3), norm()
     valid = np.ones((1, 2), bool)
-    fused_lite.settle(x.numpy(), valid, scale.numpy(), shift.numpy(), SLOPE, np.empty((1, 80), np.float32))
+    lite_kernels.normalise(x.numpy(), valid, scale.numpy(), shift.numpy(), SLOPE, np.empty((1, 80), np.float32))
     assert torch.allclose(x, F.leaky_relu(shift, SLOPE).expand(1, 2, 40), atol=1e-2)

@@ -7,8 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from pcdnf.models.cpu.folded_layers import bare
-from pcdnf.models.cpu.kernels import pcdnf as fused
+from pcdnf.models.cpu.folded_layers import as_numpy
+from pcdnf.models.cpu.kernels import pcdnf as pcdnf_kernels
 from pcdnf.models.ops.neighbours import gather_max_plain, gather_mean_plain, gather_points
 
 TOLERANCE = {torch.float32: {"rtol": 1e-5, "atol": 1e-6}, torch.bfloat16: {"rtol": 1e-2, "atol": 1e-3}}
@@ -27,7 +27,7 @@ def test_edge_conv(dtype: torch.dtype, k: int) -> None:
     graph = torch.randint(N, (2, N, 16), dtype=torch.int32)
     scale = torch.linspace(-1, 2, C)
     out = torch.full((2, N, C + 5), 7.0, dtype=dtype)
-    fused.edge_conv(bare(projected), 3, 3 + C, graph.numpy(), k, scale.numpy(), 0.2, bare(out), 5)
+    pcdnf_kernels.edge_conv(as_numpy(projected), 3, 3 + C, graph.numpy(), k, scale.numpy(), 0.2, as_numpy(out), 5)
     best = gather_max_plain(projected[..., 3 : 3 + C], graph[..., :k])
     expected = F.leaky_relu(projected[..., 3 + C :].float() + scale * best, 0.2)
     torch.testing.assert_close(out[..., 5:].float(), expected, **TOLERANCE[dtype])
@@ -42,8 +42,8 @@ def test_bfloat16_rounds_to_the_nearest_even(dtype: torch.dtype) -> None:
     index = torch.zeros(1, 1, 1, dtype=torch.int32)
     near = torch.zeros(1, 1, 2 * values.shape[2])
     near[..., : values.shape[2]] = values
-    fused.edge_conv(
-        bare(near), values.shape[2], 0, index.numpy(), 1, torch.ones(values.shape[2]).numpy(), 1.0, bare(out), 0
+    pcdnf_kernels.edge_conv(
+        as_numpy(near), values.shape[2], 0, index.numpy(), 1, torch.ones(values.shape[2]).numpy(), 1.0, as_numpy(out), 0
     )
     assert torch.equal(out, values.to(dtype))
 
@@ -57,11 +57,11 @@ def test_guide(dtype: torch.dtype) -> None:
     angle, distance = noise(2, 32), noise(2, 32) + 0.5
     refined = torch.empty_like(points), torch.empty_like(points)
     out = torch.empty(2, M, 192, dtype=dtype)
-    fused.guide(
-        *(bare(x) for x in (points, normals, *hidden)),
+    pcdnf_kernels.guide(
+        *(as_numpy(x) for x in (points, normals, *hidden)),
         *(x.numpy() for layer in last for x in layer),
         *(x.numpy() for x in (angle, distance, *refined)),
-        bare(out),
+        as_numpy(out),
     )
     p, n = (
         x + F.linear(h[..., :64].float(), weight, bias)
@@ -81,7 +81,7 @@ def test_guide(dtype: torch.dtype) -> None:
 def test_score(dtype: torch.dtype) -> None:
     channels = (noise(3, 50, 37) * 0.1 - 0.15).to(dtype)
     weight, selected = torch.empty(3, 50), torch.empty(3, 20, dtype=torch.int32)
-    fused.score(bare(channels), 0.2, weight.numpy(), selected.numpy())
+    pcdnf_kernels.score(as_numpy(channels), 0.2, weight.numpy(), selected.numpy())
     expected = torch.sigmoid(F.leaky_relu(channels.float().amax(-1), 0.2))
     torch.testing.assert_close(weight, expected)
     kept = weight.gather(1, selected.long()).sort(descending=True).values
@@ -92,7 +92,7 @@ def test_score(dtype: torch.dtype) -> None:
 def test_score_takes_the_lower_index_of_equal_weights() -> None:
     channels = torch.tensor([0.0, 3.0, 1.0, 1.0, 1.0, 2.0])[None, :, None]
     weight, selected = torch.empty(1, 6), torch.empty(1, 4, dtype=torch.int32)
-    fused.score(channels.numpy(), 0.2, weight.numpy(), selected.numpy())
+    pcdnf_kernels.score(channels.numpy(), 0.2, weight.numpy(), selected.numpy())
     assert selected.tolist() == [[1, 2, 3, 5]]
 
 
@@ -101,7 +101,7 @@ def test_augment(dtype: torch.dtype) -> None:
     own, near, weight = noise(2, 40, 12).to(dtype), (noise(2, 40, 12) + 1).to(dtype), noise(2, 40).abs()
     selected, graph = torch.randint(40, (2, 35), dtype=torch.int32), torch.randint(40, (2, 35, 10), dtype=torch.int32)
     out = torch.empty(2, 35, 12, dtype=dtype)
-    fused.augment(bare(own), bare(near), *(x.numpy() for x in (weight, selected, graph)), bare(out))
+    pcdnf_kernels.augment(as_numpy(own), as_numpy(near), *(x.numpy() for x in (weight, selected, graph)), as_numpy(out))
     expected = gather_points(own.float(), selected) + gather_mean_plain(weight[..., None] * near.float(), graph)
     torch.testing.assert_close(out.float(), expected, **TOLERANCE[dtype])
 
@@ -111,8 +111,8 @@ def test_augment(dtype: torch.dtype) -> None:
 def test_pool_and_centre(dtype: torch.dtype, N: int, C: int) -> None:
     x = noise(2, N, C).to(dtype)
     pooled, centred, squares = torch.empty(2, C), torch.empty(2, N, C, dtype=dtype), torch.empty(2, N)
-    fused.pool(bare(x), pooled.numpy())
-    fused.centre(bare(x), bare(centred), squares.numpy())
+    pcdnf_kernels.pool(as_numpy(x), pooled.numpy())
+    pcdnf_kernels.centre(as_numpy(x), as_numpy(centred), squares.numpy())
     assert torch.equal(pooled, x.float().amax(1))
     expected = x.float() - x.float().mean(1, keepdim=True)
     torch.testing.assert_close(centred.float(), expected, rtol=1e-4 if dtype is torch.float32 else 4e-3, atol=1e-5)
