@@ -8,25 +8,19 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
-import httpx
-
-from .._version import __version__
 from ..errors import PcdnfError
 from ..file_formats import SUFFIXES
 from ..formats.files import replacing
 from .errors import JobError
-from .responses import error_of, retry_after
-from .retries import Notify, Retries
+from .responses import retry_after
+from .retries import Notify
 from .schemas import Job, Model, ProblemDetail
+from .session import LONG_TIMEOUT, Session
 from .transfers import BytesDone, CountedFile, Download
-from .transport import DEFAULT_URL, checked_key, checked_url, transport_errors
+from .transport import DEFAULT_URL
 
 PATIENCE_SECONDS = 300.0
-TIMEOUT = httpx.Timeout(60, connect=10)
-LONG_TIMEOUT = httpx.Timeout(60, connect=10, read=300)
-"""An upload is checked before it is answered, a result may be converted."""
 PAGE = 100
 _POLL_SECONDS = 1.0
 """Between two looks at a job where the service does not say."""
@@ -64,14 +58,10 @@ class Client:
         patience: float = PATIENCE_SECONDS,
         on_retry: Notify | None = None,
     ) -> None:
-        self.url = checked_url(url or os.environ.get("PCDNF_URL") or DEFAULT_URL)
-        headers = {"User-Agent": f"pcdnf/{__version__}"}
         key = key or os.environ.get("PCDNF_API_KEY")
         self.has_key = bool(key)
-        if key:
-            headers["Authorization"] = f"Bearer {checked_key(key)}"
-        self._retries = Retries(patience, on_retry)
-        self._http = httpx.Client(base_url=self.url, headers=headers, timeout=TIMEOUT)
+        self._session = Session(url or os.environ.get("PCDNF_URL") or DEFAULT_URL, key, patience, on_retry)
+        self.url = self._session.url
 
     def __enter__(self) -> Client:
         return self
@@ -83,7 +73,7 @@ class Client:
 
     def close(self) -> None:
         """Close the connections."""
-        self._http.close()
+        self._session.close()
 
     def submit(
         self,
@@ -119,7 +109,7 @@ class Client:
         try:
             with path.open("rb") as file:
                 files = {"file": (path.name, CountedFile(file, progress))}
-                response = self._send(
+                response = self._session.send(
                     "POST",
                     "denoise",
                     params=dict(parameters or {}),
@@ -137,7 +127,7 @@ class Client:
 
     def job(self, job_id: str) -> Job:
         """A job as it is now."""
-        return Job.model_validate_json(self._send("GET", _path(job_id)).content)
+        return Job.model_validate_json(self._session.send("GET", _path(job_id)).content)
 
     def wait(self, job_id: str, *, progress: Callable[[Job], None] | None = None, timeout: float | None = None) -> Job:
         """Follow a job until it has ended, well or not.
@@ -163,7 +153,7 @@ class Client:
         headers: dict[str, str] = {}
         job: Job | None = None
         while True:
-            response = self._send("GET", _path(job_id), headers=headers)
+            response = self._session.send("GET", _path(job_id), headers=headers)
             if job is None or response.status_code != 304:
                 job = Job.model_validate_json(response.content)
             if progress:
@@ -205,21 +195,7 @@ class Client:
         try:
             with replacing(path) as file:
                 download = Download(file, progress)
-
-                def attempt() -> None:
-                    headers = {"Accept-Encoding": "identity"} | download.headers
-                    with (
-                        transport_errors(self.url),
-                        self._http.stream(
-                            "GET", f"{_path(job_id)}/result", params=params, headers=headers, timeout=LONG_TIMEOUT
-                        ) as response,
-                    ):
-                        if not response.is_success:
-                            response.read()
-                            raise error_of(response)
-                        download.take(response)
-
-                self._retries.run(attempt)
+                self._session.fetch(f"{_path(job_id)}/result", params, download)
                 download.check()
         except OSError as error:
             raise PcdnfError(
@@ -260,7 +236,7 @@ class Client:
         before: dict[str, str] = {}
         while most is None or most > 0:
             limit = PAGE if most is None else min(most, PAGE)
-            response = self._send("GET", "jobs", params={"limit": str(limit)} | before)
+            response = self._session.send("GET", "jobs", params={"limit": str(limit)} | before)
             page = [Job.model_validate(entry) for entry in response.json()]
             yield from page
             if len(page) < limit:
@@ -276,24 +252,12 @@ class Client:
         Job or None
             The job, ``cancelling`` while its worker stops; None where it was removed.
         """
-        response = self._send("DELETE", _path(job_id))
+        response = self._session.send("DELETE", _path(job_id))
         return Job.model_validate_json(response.content) if response.content else None
 
     def models(self) -> list[Model]:
         """The models that jobs may name."""
-        return [Model.model_validate(entry) for entry in self._send("GET", "models").json()]
-
-    def _send(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """A response that is no error, after as many attempts as patience allows."""
-
-        def attempt() -> httpx.Response:
-            with transport_errors(self.url):
-                response = self._http.request(method, path, **options)
-            if response.is_success or response.status_code == 304:
-                return response
-            raise error_of(response)
-
-        return self._retries.run(attempt, also=frozenset({409}) if method == "POST" else frozenset())
+        return [Model.model_validate(entry) for entry in self._session.send("GET", "models").json()]
 
 
 def format_of(output: str | os.PathLike[str], source: str | os.PathLike[str] | None) -> str | None:
