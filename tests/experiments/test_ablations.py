@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks import ablations
-from benchmarks.ablations import Trainee, Variant, evaluate, table, train, trained
+from experiments import ablations
+from experiments.ablations import Trainee, Variant, evaluate, table, train, trained
 from pcdnf import Denoiser
 from pcdnf.models.pcdnf import PCDNF
 from pcdnf.training.losses import Batch

@@ -1,6 +1,6 @@
 """What the method makes of clouds that are not like the paper's: pictures before and after, and a table.
 
-    python benchmarks/robustness.py FOLDER [SCAN.ply ...] [--model M] [--iterations auto] [--points 60000]
+    python experiments/robustness.py FOLDER [SCAN.ply ...] [--model M] [--iterations auto] [--points 60000]
 
 On a shape by formula (a block: edges, corners, planes) with known surface: 1 to 4 % of Gaussian noise, outliers in the
 box, density that falls by 16 along the shape, holes, scan lines, and all of it together. Real scans have no clean form:

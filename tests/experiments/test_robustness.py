@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.robustness import made_cases, main, middle_part, roughness
+from experiments.robustness import made_cases, main, middle_part, roughness
 from pcdnf.formats import PointCloud, write
 
 COUNT = 6000
@@ -47,8 +47,8 @@ def test_tables_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     scan = np.c_[rng.uniform(size=(5000, 2)), rng.normal(size=5000) * 0.005]
     write(tmp_path / "wall.ply", PointCloud(points=scan))
     few = {name: case for name, case in made_cases(5000).items() if name == "noise of 2 %"}
-    monkeypatch.setattr("benchmarks.robustness.made_cases", lambda _: few)
-    monkeypatch.setattr("benchmarks.robustness.SIZE", (640, 360))
+    monkeypatch.setattr("experiments.robustness.made_cases", lambda _: few)
+    monkeypatch.setattr("experiments.robustness.SIZE", (640, 360))
     monkeypatch.setattr(sys, "argv", ["robustness", str(tmp_path / "out"), str(tmp_path / "wall.ply")])
     main()
     made, wall = (

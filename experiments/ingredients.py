@@ -1,6 +1,6 @@
 """What each part of the training is worth to the light network: trained from nothing, equally and short, without it.
 
-    python benchmarks/ingredients.py [--steps 600] [--batch 128] [--parts data,optimisation]
+    python experiments/ingredients.py [--steps 600] [--batch 128] [--parts data,optimisation]
 
 Clouds of each condition (a kind of noise, something missing, a size, a first pass behind them) are made once and cut
 into patches. `data` leaves one condition after another out of the training and validates on held-out clouds of each

@@ -1,6 +1,6 @@
 """What the light network's last fit owes to its parts, without training anew: a row for each other fit.
 
-    python benchmarks/fits.py [MODEL] [--patches 2048]
+    python experiments/fits.py [MODEL] [--patches 2048]
 
 Mean projection distance to the clean surface (patch radii) and normal error (degrees) on the patches that a training
 validates on. Needs the ``train`` extra.

@@ -1,6 +1,6 @@
 """Two passes trained together, tried against training each by itself.
 
-    python benchmarks/unrolled.py [--steps 150] [--clouds 16]
+    python experiments/unrolled.py [--steps 150] [--clouds 16]
 
 All trials go on from the shipped weights of the light network, see the same crops in the same order and the same losses
 of their first pass:

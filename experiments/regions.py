@@ -1,6 +1,6 @@
 """Both networks on the same regions of benchmark clouds, where the heavier one would take hours for whole ones.
 
-    python benchmarks/regions.py CLOUD... [--levels 0.25,0.5,1,1.5,2.5] [--regions 3] [--points 400]
+    python experiments/regions.py CLOUD... [--levels 0.25,0.5,1,1.5,2.5] [--regions 3] [--points 400]
 
 Each region is that of the whole cloud's denoising: its points see what they would see there, pass by pass. Prints
 point-to-surface distance x 1e3 and mean normal error in degrees over all regions of a cloud, a line a cloud and level.

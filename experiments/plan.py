@@ -1,6 +1,6 @@
 """Which patch radius and how many iterations suit a model, on held-out generated shapes: behind ``auto``.
 
-    python benchmarks/plan.py MODEL [--factors 7,9.8,13] [--later 0.7,1] [--levels 0.25,0.5,1,1.5,2.5]
+    python experiments/plan.py MODEL [--factors 7,9.8,13] [--later 0.7,1] [--levels 0.25,0.5,1,1.5,2.5]
 
 Point-to-surface distance x 1e3 and normal error in degrees, means over the shapes, a row for each noise level and
 choice, a column for each of three iterations. A factor is ``Recipe.adaptive``; each shape is denoised in a crop around

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from benchmarks.fits import FITS, other_fit
+from experiments.fits import FITS, other_fit
 from pcdnf.models.quadric import fit_quadric
 
 RIDGE = torch.full((6,), 1e-6)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import torch
 
-from benchmarks.trials import TRIALS, loss_of
+from experiments.trials import TRIALS, loss_of
 from pcdnf.training.losses import Batch, Surface
 
 

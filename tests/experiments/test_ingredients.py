@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks import ingredients
-from benchmarks.ingredients import CONDITIONS, PATCHES, Bank, data, draw, make_bank, optimisation
+from experiments import ingredients
+from experiments.ingredients import CONDITIONS, PATCHES, Bank, data, draw, make_bank, optimisation
 from pcdnf.training.losses import Batch
 
 

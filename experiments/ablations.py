@@ -1,6 +1,6 @@
 """The paper's table 5 and the anchor: each variant of the network trained equally and short, then evaluated.
 
-    python benchmarks/ablations.py FOLDER [--variants full,full-plain,V1-plain,…] [--steps 300] [--device cuda]
+    python experiments/ablations.py FOLDER [--variants full,full-plain,V1-plain,…] [--steps 300] [--device cuda]
 
 V1 is without selector and refinement, V2 without refinement, V3 without the normal branch, V4 without the point
 branch; NAME-plain is NAME without the geometric anchor, as in the paper. All start from one seed and see the same

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))  # it is run from there
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "experiments"))  # it is run from there
 
 from trials import loaded
 from unrolled import CENTRES, Cloud, Crop, first_pass, loss_of, second_pass

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from benchmarks.regions import denoised, measure, rows_of
+from experiments.regions import denoised, measure, rows_of
 from pcdnf import Denoiser
 from pcdnf.benchmark.clouds import analytic_clouds
 

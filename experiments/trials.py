@@ -1,6 +1,6 @@
 """Changes of the light network's losses, tried side by side: each goes on from the shipped weights on the same batches.
 
-    python benchmarks/trials.py [--steps 300] [--batch 128] [--trials control,coplanar,…]
+    python experiments/trials.py [--steps 300] [--batch 128] [--trials control,coplanar,…]
 
 After the last step each is validated on held-out shapes: mean projection distance and distance to the nearest clean
 point (patch radii), normal error (degrees). A trial that helps shows it against ``control``, which trains on as it did.

@@ -1,6 +1,6 @@
 """The pictures of the documentation: too little, enough and too much of each parameter, and a scan before and after.
 
-    python benchmarks/pictures.py docs/images [--only scan,radius,iterations] [--points 8000]
+    python experiments/pictures.py docs/images [--only scan,radius,iterations] [--points 8000]
 
 Draws ``scan.png``, ``scan_colours.png``, ``radius.png`` and ``iterations.png`` from the clouds in ``examples/``. The
 figures in the pictures are the mean distance of the points to the clean bracket, in thousandths of its diagonal.
