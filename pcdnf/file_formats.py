@@ -66,6 +66,6 @@ def available() -> list[str]:
 
 
 def titles() -> str:
-    """The formats that can be read here, for a sentence."""
+    """List the formats that can be read here, as part of a sentence."""
     known = [FORMATS[name].title for name in available()]
     return f"{', '.join(known[:-1])} or {known[-1]}"

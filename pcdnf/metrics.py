@@ -185,7 +185,7 @@ def point_errors(
     *,
     workers: int = -1,
 ) -> PointErrors:
-    """What :func:`score` takes the means of; parameters and errors are the same."""
+    """Compute the errors point by point; parameters and exceptions are those of :func:`score`."""
     matched = _matched(points, clean_points, workers)
     reference = _clean_normals(matched, clean_normals, workers)
     angle = None if normals is None else _angles(matched, _rows(normals), reference)

@@ -44,7 +44,7 @@ class CleanCloud:
     given: dict[float, Floats] = field(default_factory=dict)
 
     def noisy(self, level: float, kind: str = "gaussian") -> Floats:
-        """The version that came with it, or one made by :func:`add_noise`."""
+        """Return the noisy version that came with the cloud, or one made by :func:`add_noise`."""
         if kind == "gaussian" and level in self.given:
             return self.given[level]
         return add_noise(self.points, level, kind)
@@ -54,7 +54,7 @@ class CleanCloud:
         return hashlib.sha256(np.ascontiguousarray(self.points, "<f4").tobytes()).hexdigest()
 
     def thinned(self, count: int) -> CleanCloud:
-        """A random choice of points, the same on every call, in the order of the file."""
+        """Return a random choice of points, the same on every call, in the order of the file."""
         if count >= len(self.points):
             return self
         kept = np.sort(np.random.default_rng(0).choice(len(self.points), count, replace=False))
@@ -95,7 +95,7 @@ def read_clouds(paths: Iterable[Path]) -> list[CleanCloud]:
 
 
 def _noise_of(file: Path) -> re.Match[str] | None:
-    """The parts of a noisy version's name, where its clean cloud lies beside it."""
+    """Match the name of a noisy version; None if its clean cloud is not in the same folder."""
     found = _NOISY.fullmatch(file.stem)
     beside = found and any(file.with_name(found["name"] + suffix).exists() for suffix in SUFFIXES)
     return found if beside else None
@@ -166,7 +166,7 @@ def block(rng: Generator, count: int) -> tuple[Floats, Floats]:
 
 
 def _can(rng: Generator, count: int) -> tuple[Floats, Floats]:
-    """A cylinder of radius 0.3 and height 0.8 with its lids: circular edges."""
+    """Sample a cylinder of radius 0.3 and height 0.8 with its lids: circular edges."""
     radius, height = 0.3, 0.8
     angle = rng.uniform(0, 2 * np.pi, count)
     round_ = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
@@ -180,7 +180,7 @@ def _can(rng: Generator, count: int) -> tuple[Floats, Floats]:
 
 
 def _knoll(rng: Generator, count: int) -> tuple[Floats, Floats]:
-    """A sphere with bumps, ``r = 1 + 0.12 sin 4x sin 4y sin 4z``: smooth, curved both ways.
+    """Sample a sphere with bumps, ``r = 1 + 0.12 sin 4x sin 4y sin 4z``: smooth, curved both ways.
 
     Directions are drawn by rejection, so that the density of the points is that of the area.
     """
@@ -201,7 +201,7 @@ def _knoll(rng: Generator, count: int) -> tuple[Floats, Floats]:
 
 
 def _ring(rng: Generator, count: int) -> tuple[Floats, Floats]:
-    """A torus of radii 1 and 0.35."""
+    """Sample a torus of radii 1 and 0.35."""
     ring, tube = 1.0, 0.35
     around = rng.uniform(0, 2 * np.pi, 3 * count)
     kept = rng.random(3 * count) < (ring + tube * np.cos(around)) / (ring + tube)

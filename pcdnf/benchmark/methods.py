@@ -50,17 +50,19 @@ class Method(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in the tables."""
 
     @property
-    def group(self) -> Group: ...
+    def group(self) -> Group:
+        """Group of rows it is compared in."""
 
     @property
-    def identity(self) -> dict[str, str]: ...
+    def identity(self) -> dict[str, str]:
+        """All that its output depends on besides the input."""
 
     def run(self, points: NDArray[np.float64], level: float) -> Output:
-        """Work on a cloud whose noise is ``level`` per cent of the clean diagonal."""
-        ...
+        """Process points (N, 3) whose noise is ``level`` per cent of the clean diagonal."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Noisy:
 
     @property
     def identity(self) -> dict[str, str]:
+        """All that the output depends on besides the input."""
         return {"method": self.name, "version": __version__}
 
     def run(self, points: NDArray[np.float64], level: float) -> Output:  # noqa: ARG002
@@ -98,6 +101,7 @@ class Ours:
 
     @property
     def identity(self) -> dict[str, str]:
+        """All that the output depends on besides the input."""
         info = self.denoiser.info
         return {
             "method": "pcdnf",
@@ -119,7 +123,7 @@ class Ours:
 def our_methods(
     models: Sequence[str], iterations: Sequence[Iterations], *, device: str = "auto", precision: str = "auto"
 ) -> list[Method]:
-    """A row for each model and number of passes.
+    """Return one method for each model and number of passes.
 
     Raises
     ------

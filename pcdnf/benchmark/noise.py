@@ -46,7 +46,7 @@ KINDS = tuple(_UNIT)
 
 
 def add_noise(clean: Floats, level: float, kind: str = "gaussian") -> Floats:
-    """A noisy version of a cloud, the same on every call.
+    """Add noise to a cloud, the same on every call.
 
     Parameters
     ----------

@@ -38,6 +38,7 @@ class Jet:
 
     @property
     def identity(self) -> dict[str, str]:
+        """All that the output depends on besides the input."""
         return {"method": "jet", "neighbours": str(NEIGHBOURS), "cgal": version("cgal")}
 
     def run(self, points: Points, level: float) -> Output:
@@ -57,6 +58,7 @@ class Bilateral:
 
     @property
     def identity(self) -> dict[str, str]:
+        """All that the output depends on besides the input."""
         return {"method": "bilateral", "neighbours": str(NEIGHBOURS), "cgal": version("cgal")}
 
     def run(self, points: Points, level: float) -> Output:
@@ -78,6 +80,7 @@ class Wlop:
 
     @property
     def identity(self) -> dict[str, str]:
+        """All that the output depends on besides the input."""
         return {"method": "wlop", "kept": str(WLOP_KEPT), "cgal": version("cgal")}
 
     def run(self, points: Points, level: float) -> Output:  # noqa: ARG002
@@ -96,10 +99,12 @@ class Pca:
 
     @property
     def name(self) -> str:
+        """Name in the tables."""
         return f"PCA, k = {self.neighbours}"
 
     @property
     def identity(self) -> dict[str, str]:
+        """All that the output depends on besides the input."""
         return {"method": "pca", "neighbours": str(self.neighbours), "open3d": version("open3d")}
 
     def run(self, points: Points, level: float) -> Output:  # noqa: ARG002
@@ -112,7 +117,7 @@ class Pca:
 
 
 def peer_methods(names: Sequence[str]) -> list[Method]:
-    """The rows of the named peers.
+    """Return the methods of the named peers.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def draw_errors(path: Path, title: str, panels: Sequence[Panel], unit: str, most
 
 
 def view_of(points: Floats, normals: NDArray[np.floating]) -> Camera:
-    """A camera from which a cloud shows its shape, with room around it for noise."""
+    """Choose a camera that shows the shape of a cloud, with room around it for noise."""
     step = max(1, len(points) // 20_000)
     camera = automatic(points[::step], np.asarray(normals[::step], np.float64))
     return camera.framing(points, 1.0, 0.72)
@@ -99,7 +99,7 @@ def view_of(points: Floats, normals: NDArray[np.floating]) -> Camera:
 def shaded(
     points: Floats, normals: NDArray[np.floating], colours: NDArray[np.floating], camera: Camera
 ) -> NDArray[np.float64]:
-    """A square picture of a cloud in given colours, a little darker where the surface turns away.
+    """Draw a square picture of a cloud in given colours, a little darker where the surface turns away.
 
     Parameters
     ----------

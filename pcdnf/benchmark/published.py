@@ -22,7 +22,7 @@ class Figure:
 
 
 def published_figures(clouds: Iterable[CleanCloud]) -> list[Figure]:
-    """The figures for those of the clouds that they were measured on, under the names these clouds have here."""
+    """Return the published figures of these clouds, under the names that the clouds have here."""
     tables = tomllib.loads((Path(__file__).parent / "published.toml").read_text())
     names = {cloud.digest(): cloud.name for cloud in clouds}
     found = []

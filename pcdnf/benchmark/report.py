@@ -130,7 +130,7 @@ class Report:
         return Panel(row.method, output.points, output.normals, getattr(self._errors(row), error))
 
     def _model(self, row: Row) -> Panel:
-        """The clean cloud, by which the camera is chosen."""
+        """Return the clean cloud, which decides the camera."""
         from .pictures import Panel
 
         clean = self._clean(row)

@@ -73,7 +73,7 @@ class Case:
     level: float
 
     def points(self) -> Floats:
-        """The noisy points."""
+        """Return the noisy points."""
         return self.clean.noisy(self.level, self.noise)
 
 
@@ -117,7 +117,7 @@ class Results:
     def run(
         self, case: Case, methods: Sequence[Method], *, report: Callable[[Row, bool], None] | None = None
     ) -> list[Row]:
-        """The rows of all methods on one noisy cloud, in their order.
+        """Run all methods on one noisy cloud and return their rows in order.
 
         ``report`` is called with each row and whether it was computed just now.
         """
@@ -142,7 +142,7 @@ class Results:
         return rows
 
     def output(self, row: Row, clean: CleanCloud) -> Output:
-        """The cloud that a row is about, in the clean cloud's unit; float32 relative to its diagonal."""
+        """Read the cloud of a row, in the clean cloud's unit; float32 relative to its diagonal."""
         low, diagonal = _frame(clean)
         with np.load(self._cloud_file(row.key), allow_pickle=False) as arrays:
             return Output(arrays["points"].astype(np.float64) * diagonal + low, arrays["normals"])
@@ -151,7 +151,7 @@ class Results:
         return self.folder / "clouds" / f"{key}.npz"
 
     def _read(self) -> Iterator[Row]:
-        """The lines of the file; half a line at its end, left by a kill, is cut off."""
+        """Read the lines of the file and cut off an incomplete last line, which a kill may leave."""
         if not self._file.exists():
             return
         text = self._file.read_bytes()

@@ -52,7 +52,7 @@ class _Table:
     methods: list[str]
 
     def pair(self, cloud: str, method: str, level: float) -> Pair | None:
-        """The figures of a cloud, or their means where all clouds have some."""
+        """Return the figures of a cloud, or their means if every cloud has figures."""
         if cloud != MEAN:
             return self.cells.get((cloud, method, level))
         pairs = [self.cells.get((name, method, level)) for name in self.clouds]
@@ -62,12 +62,12 @@ class _Table:
         return fmean(pair[0] for pair in there), fmean(pair[1] for pair in there)
 
     def best(self, cloud: str, methods: Iterable[str], level: float) -> Pair | None:
-        """The lowest of each figure among some methods."""
+        """Return the lowest of each figure among some methods."""
         there = [pair for pair in (self.pair(cloud, method, level) for method in methods) if pair is not None]
         return (min(pair[0] for pair in there), min(pair[1] for pair in there)) if there else None
 
     def sections(self) -> list[str]:
-        """The clouds, and their mean where there are several."""
+        """Return the clouds, and their mean if there are several."""
         return [*self.clouds, MEAN] if len(self.clouds) > 1 else self.clouds
 
     def lines(self, cloud: str, methods: Sequence[str], text: Callable[[Pair], str]) -> list[str]:
@@ -86,7 +86,7 @@ class _Table:
 
 
 def markdown(rows: Sequence[Row], figures: Sequence[Figure] = ()) -> str:
-    """The whole report: distances with ratios to the best peer, normals, seconds; for each kind of noise."""
+    """Write the report: distances with ratios to the best peer, normals and seconds for each kind of noise."""
     parts = []
     for noise in dict.fromkeys(row.noise for row in rows):
         chosen = [row for row in rows if row.noise == noise]
@@ -96,13 +96,13 @@ def markdown(rows: Sequence[Row], figures: Sequence[Figure] = ()) -> str:
 
 
 def best_peer(rows: Iterable[Row], cloud: str, noise: str, level: float) -> Row | None:
-    """The peer that came nearest to the surface."""
+    """Find the peer with the smallest distance to the surface."""
     peers = [row for row in rows if row.group == "peer" and (row.cloud, row.noise, row.level) == (cloud, noise, level)]
     return min(peers, key=lambda row: row.point_to_surface, default=None)
 
 
 def best_pca(rows: Iterable[Row], cloud: str, noise: str, level: float) -> Row | None:
-    """The PCA normals of least mean error."""
+    """Find the PCA normals with the smallest mean error."""
     found = [
         row for row in rows if row.group == "normals" and (row.cloud, row.noise, row.level) == (cloud, noise, level)
     ]

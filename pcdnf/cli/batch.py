@@ -55,7 +55,7 @@ class Item:
         return "not submitted" if self.job is None else self.job.status
 
     def as_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints."""
+        """Return the object that ``--json`` prints."""
         job, error = self.job, self.error
         return {
             "file": None if self.source is None else str(self.source),

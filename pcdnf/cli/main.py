@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+    """Make the parser of all commands."""
     parser = argparse.ArgumentParser(prog="pcdnf", description="Denoise point clouds: PCDNF (TVCG 2023).")
     parser.add_argument("--version", action="version", version=f"pcdnf {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

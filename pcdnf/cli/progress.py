@@ -23,17 +23,17 @@ class Display(Protocol):
         """Bytes of an upload."""
 
     def job(self, name: str, job: Job) -> None:
-        """A look at a job."""
+        """Show the state of a job."""
 
     def note(self, text: str) -> None:
-        """A sentence that stays."""
+        """Print a sentence that stays on the screen."""
 
     def clear(self) -> None:
         """Nothing is under way now."""
 
 
 def choose(*, quiet: bool) -> Display:
-    """The display that suits standard error."""
+    """Choose the display that suits standard error."""
     if quiet:
         return Quiet()
     return Bars() if sys.stderr.isatty() else Lines()
@@ -49,7 +49,7 @@ class Quiet:
         """Nothing."""
 
     def note(self, text: str) -> None:
-        """A line."""
+        """Print a line."""
         print(f"pcdnf: {text}", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
@@ -63,11 +63,11 @@ class Lines(Quiet):
         self._last: tuple[str, object] | None = None
 
     def upload(self, name: str, done: int, total: int) -> None:
-        """A line at the start and every now and then."""
+        """Print a line at the start and after every 256 MiB."""
         self._say(name, f"uploading, {_bytes(done)} of {_bytes(total)}", done // LINE_BYTES)
 
     def job(self, name: str, job: Job) -> None:
-        """A line where something changed."""
+        """Print a line when something changed."""
         if job.status == "queued":
             self._say(name, _queued(job), job.queue_position)
         elif job.live:
@@ -93,7 +93,7 @@ class Bars:
         bar.update(done - bar.n)
 
     def job(self, name: str, job: Job) -> None:
-        """The place in the queue, then points and the service's own figures of speed and time."""
+        """Show the place in the queue, then points, speed and time as the service reports them."""
         if job.status == "queued":
             bar = self._show(name, _queued(job), 1, bar_format="{desc} [{elapsed}]")
             bar.refresh()
@@ -106,7 +106,7 @@ class Bars:
         bar.refresh()
 
     def note(self, text: str) -> None:
-        """A line above the bar."""
+        """Print a line above the bar."""
         tqdm.write(f"pcdnf: {text}", file=sys.stderr)
 
     def clear(self) -> None:
@@ -116,7 +116,7 @@ class Bars:
         self._bar = self._shows = None
 
     def _show(self, name: str, what: str, total: int, **options: object) -> tqdm:
-        """The bar of a step; the last one leaves."""
+        """Return the bar of a step, in place of the previous one."""
         if self._bar is None or self._shows != (name, what):
             self.clear()
             known = os.get_terminal_size(sys.stderr.fileno()).columns > 0

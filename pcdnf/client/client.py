@@ -126,7 +126,7 @@ class Client:
         return Job.model_validate_json(response.content)
 
     def job(self, job_id: str) -> Job:
-        """A job as it is now."""
+        """Return a job as it is now."""
         return Job.model_validate_json(self._session.send("GET", _path(job_id)).content)
 
     def wait(self, job_id: str, *, progress: Callable[[Job], None] | None = None, timeout: float | None = None) -> Job:
@@ -232,7 +232,7 @@ class Client:
         raise JobError(told, job.id)
 
     def jobs(self, most: int | None = None) -> Iterator[Job]:
-        """The caller's jobs, newest first, fetched a page at a time."""
+        """Iterate over your jobs, newest first, fetched a page at a time."""
         before: dict[str, str] = {}
         while most is None or most > 0:
             limit = PAGE if most is None else min(most, PAGE)
@@ -256,12 +256,12 @@ class Client:
         return Job.model_validate_json(response.content) if response.content else None
 
     def models(self) -> list[Model]:
-        """The models that jobs may name."""
+        """List the models that jobs may name."""
         return [Model.model_validate(entry) for entry in self._session.send("GET", "models").json()]
 
 
 def format_of(output: str | os.PathLike[str], source: str | os.PathLike[str] | None) -> str | None:
-    """The format that a result's name asks for; None, the one that was uploaded, where it ends as the source did."""
+    """Return the format of a result's file name; None keeps the uploaded format if both names end alike."""
     ending = Path(output).suffix.lower()
     return None if source is not None and ending == Path(source).suffix.lower() else SUFFIXES.get(ending)
 

@@ -14,7 +14,7 @@ from .schemas import ProblemDetail
 
 
 def error_of(response: httpx.Response) -> ProblemError:
-    """The error a response tells; its body has been read."""
+    """Return the error that a response reports; its body must have been read."""
     status = response.status_code
     try:
         problem = ProblemDetail.model_validate_json(response.content).model_copy(update={"status": status})

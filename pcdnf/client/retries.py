@@ -37,7 +37,7 @@ class Retries:
         self._reached = False
 
     def run(self, attempt: Callable[[], T], *, also: frozenset[int] = frozenset()) -> T:
-        """The result of ``attempt``, repeated while the service is busy or cannot be reached.
+        """Return the result of ``attempt``, repeated while the service is busy or cannot be reached.
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ class CountedFile:
         return self._file.seek(offset)
 
     def read(self, size: int = -1) -> bytes:
-        """The next bytes."""
+        """Return the next bytes."""
         data = self._file.read(size)
         if self._progress:
             self._progress(self._file.tell(), self._size)
@@ -103,7 +103,7 @@ class Download:
 
 
 def _digest(header: str) -> bytes | None:
-    """The SHA-256 of an RFC 9530 header, None where there is none."""
+    """Return the SHA-256 of an RFC 9530 header, or None."""
     found = _DIGEST.search(header)
     try:
         return base64.b64decode(found[1], validate=True) if found else None

@@ -15,7 +15,7 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 
 
 def checked_url(url: str) -> str:
-    """The address of a service, or an error with the code ``bad_url``."""
+    """Check the address of a service; raise ``bad_url`` unless it is an http or https URL."""
     try:
         parsed = httpx.URL(url)
         good = parsed.scheme in ("http", "https") and bool(parsed.host) and "%" not in parsed.host
@@ -32,7 +32,7 @@ def checked_url(url: str) -> str:
 
 
 def checked_key(key: str) -> str:
-    """A key that can stand in a header, or an error with the code ``bad_key``."""
+    """Check that a key can be sent in a header; raise ``bad_key`` otherwise."""
     if not key.isascii() or not key.isprintable() or " " in key:
         raise PcdnfError(
             "The key has characters that no key has (spaces, line breaks or others).",
@@ -44,7 +44,7 @@ def checked_key(key: str) -> str:
 
 @contextmanager
 def transport_errors(url: str) -> Iterator[None]:
-    """httpx's errors in our words."""
+    """Translate the errors of httpx into those of this package."""
     shown = str(httpx.URL(url).copy_with(userinfo=b""))
     try:
         yield

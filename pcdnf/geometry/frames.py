@@ -68,7 +68,7 @@ def principal_axes(points: NDArray[np.float64], index: NDArray[np.int64]) -> NDA
 def local_patches_torch(
     points: Tensor, normals: Tensor, index: Tensor, radius: float, *, upward: bool
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The same as :func:`local_patches` in torch operations, for any device; see there."""
+    """Do the same as :func:`local_patches` in torch operations, on any device."""
     valid = index >= 0  # (B, M)
     index = torch.where(valid, index, index[:, :1])
     patch = (points[index] - points[index[:, :1]]) / radius  # (B, M, 3)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def spatial_order(local: NDArray[np.float64], bits: int = 10) -> NDArray[np.int64]:
-    """Indices (N,) int64 of local points (N, 3) along a Morton curve of ``bits`` a coordinate."""
+    """Order local points (N, 3) along a Morton curve of ``bits`` a coordinate: indices (N,) int64."""
     cells = np.clip((local + 0.5) * (1 << bits), 0, (1 << bits) - 1).astype(np.int64)
     code = np.zeros(len(local), np.int64)
     for bit in range(bits):

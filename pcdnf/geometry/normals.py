@@ -27,7 +27,7 @@ def pca_normals(
     workers: int = -1,
     check: Callable[[], None] | None = None,
 ) -> NDArray[np.float32]:
-    """Normals as the direction of least variance among the k nearest neighbours.
+    """Estimate normals as the direction of least variance among the k nearest neighbours.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def raw_normals(
     replace: bool = False,
     check: Callable[[], None] | None = None,
 ) -> NDArray[np.float32]:
-    """The caller's normals at unit length, estimated ones where there are none.
+    """Return the given normals at unit length, and estimated ones for rows without.
 
     Parameters
     ----------
@@ -157,6 +157,6 @@ def raw_normals(
 
 
 def unit_towards(normals: NDArray[np.floating], like: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Normals (N, 3) at unit length, turned to the side of ``like`` (N, 3)."""
+    """Scale normals (N, 3) to unit length and turn them to the side of ``like`` (N, 3)."""
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     return np.where((normals * like).sum(1, keepdims=True) < 0, -normals, normals)

@@ -95,7 +95,7 @@ class DevicePatchSource:
         return first, torch.where(inside, last - first, 0)
 
     def _subset(self, own: Tensor, first: Tensor, count: Tensor) -> Tensor:
-        """The patch's random subset of each ball, without the centre: (B, M - 1) int64, -1 for padding."""
+        """Draw the patch's random subset of each ball, without the centre: (B, M - 1) int64, -1 for padding."""
         wanted = self.recipe.points - 1
         ends = count.cumsum(1)  # (B, 9)
         place = torch.arange(max(int(ends[:, -1].amax()), wanted), device=self.device).expand(len(own), -1).contiguous()

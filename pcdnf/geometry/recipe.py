@@ -46,7 +46,7 @@ class Recipe:
     normals: Literal["pca", "ball"] = "pca"
 
     def adaptive_radius(self, scale: Scale) -> float:
-        """The first iteration's radius for a cloud, in its unit, and at least :meth:`least_radius`."""
+        """Return the first pass's radius for a cloud, in its unit, at least :meth:`least_radius`."""
         return max(self.adaptive * math.sqrt(scale.noise * scale.spacing), self.least_radius(scale))
 
     def least_radius(self, scale: Scale) -> float:

@@ -34,7 +34,7 @@ def room_for(what: str) -> Iterator[None]:
 
 
 def choose_device(name: str) -> str:
-    """ "auto", "cpu", "cuda" or "cuda:N" to "cpu" or "cuda:N".
+    """Resolve "auto", "cpu", "cuda" or "cuda:N" to "cpu" or "cuda:N".
 
     Raises
     ------
@@ -67,7 +67,7 @@ def has_native_bfloat16(device: str) -> bool:
 
 
 def choose_precision(name: str, *, device: str) -> str:
-    """ "auto", "float32" or "bfloat16" to one of the last two.
+    """Resolve "auto", "float32" or "bfloat16" to one of the last two.
 
     Raises
     ------

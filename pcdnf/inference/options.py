@@ -21,7 +21,7 @@ class ChoiceError(PcdnfError):
 
 
 def check_iterations(value: int | str) -> int | None:
-    """Iterations as a number, None for "auto".
+    """Check a number of passes; None for "auto".
 
     Raises
     ------

@@ -38,7 +38,7 @@ def checked_points(points: ArrayLike, fewest: int) -> NDArray[np.float64]:
 
 
 def checked_normals(normals: ArrayLike | None, count: int) -> NDArray[np.floating] | None:
-    """Normals (count, 3), or None where there are none.
+    """Check normals (count, 3); None stays None.
 
     Raises
     ------
@@ -128,5 +128,5 @@ class Frame:
 
     @classmethod
     def from_json(cls, values: dict[str, float | list[float]]) -> Frame:
-        """The inverse of :meth:`to_json`."""
+        """Invert :meth:`to_json`."""
         return cls(np.asarray(values["centre"], np.float64), float(np.asarray(values["diagonal"])))

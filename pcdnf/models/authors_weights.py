@@ -57,7 +57,7 @@ _LINEARS = {
 
 
 def convert_release(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The released network's tensors as a state dict of ``PCDNF(CONFIG)``.
+    """Convert the released network's tensors to a state dict of ``PCDNF(CONFIG)``.
 
     Parameters
     ----------

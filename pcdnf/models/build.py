@@ -15,7 +15,7 @@ from .pcdnf import PCDNF
 
 
 def trained_network(info: ModelInfo, state: Mapping[str, Tensor]) -> tuple[nn.Module, Recipe]:
-    """The network of a checkpoint with its weights, and how its patches are taken.
+    """Build the network of a checkpoint with its weights, and the recipe of its patches.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def trained_network(info: ModelInfo, state: Mapping[str, Tensor]) -> tuple[nn.Mo
 
 
 def build_network(kind: str, config: Mapping[str, Any]) -> nn.Module:
-    """A network of ``kind`` with fresh weights, from the configuration in a checkpoint's metadata."""
+    """Build a network of ``kind`` with fresh weights, from the configuration in a checkpoint's metadata."""
     if kind == "lite":
         return PCDNFLite(LiteConfig(**config))
     return PCDNF(NetworkConfig(**config))

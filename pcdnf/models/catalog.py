@@ -50,7 +50,7 @@ class ModelInfo:
 
 
 def available_models() -> list[ModelInfo]:
-    """The shipped models, the default first."""
+    """List the shipped models, the default first."""
     models = []
     for name, entry in _index().items():
         path = WEIGHTS / entry["file"]
@@ -74,7 +74,7 @@ def _index() -> dict[str, dict[str, str]]:
 
 
 def find_model(name: str) -> tuple[Path, str | None]:
-    """The file of a shipped model, or of a path, and the pinned SHA-256 of a shipped one.
+    """Find the file of a shipped model, with its pinned SHA-256, or the file of a path.
 
     Raises
     ------
@@ -95,13 +95,13 @@ def find_model(name: str) -> tuple[Path, str | None]:
 
 
 def file_sha256(path: Path) -> str:
-    """The SHA-256 of a file, hexadecimal."""
+    """Compute the SHA-256 of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def unreadable(path: Path) -> CheckpointError:
-    """The error of a file that is no checkpoint."""
+    """Make the error of a file that is no checkpoint."""
     return CheckpointError(
         f"{path.name} is not a checkpoint of this package.",
         code="bad_checkpoint",
@@ -110,7 +110,7 @@ def unreadable(path: Path) -> CheckpointError:
 
 
 def model_info(path: Path, digest: str, metadata: Mapping[str, str]) -> ModelInfo:
-    """The facts in a checkpoint's metadata.
+    """Read the facts in a checkpoint's metadata.
 
     Raises
     ------

@@ -35,6 +35,7 @@ class CoordinateRegressor(nn.Module):
         self.out = nn.Linear(64, 3)
 
     def forward(self, f: Tensor, patch: Tensor | None) -> Tensor:
+        """Point features f (B, K, C) and patch features (B, 128) to displacements (B, 3), in patch radii."""
         f = self.conv(f, patch).amax(1)  # (B, 512)
         return torch.tanh(self.out(self.reduce(f)).float())  # (B, 3)
 
@@ -52,6 +53,7 @@ class NormalRegressor(nn.Module):
         self.out = nn.Linear(64, 3)
 
     def forward(self, f: Tensor) -> Tensor:
+        """Decode normal features f (B, K, C) to normals (B, 3), not normalised."""
         f = self.conv(f)  # (B, K, 128)
         g = self.squeeze(f, knn(f, REGRESSOR_NEIGHBOURS))  # (B, K, 64)
         g = self.expand(g, knn(g, REGRESSOR_NEIGHBOURS))  # (B, K, 128)
@@ -74,6 +76,7 @@ class Decoder(nn.Module):
                     nn.init.zeros_(regressor.out.bias)
 
     def forward(self, fused: FusedFeatures) -> tuple[Tensor | None, Tensor | None]:
+        """Fused features to displacement and normal (B, 3); None for a branch that is switched off."""
         displacement = normal = None
         if self.coordinate is not None and fused.point is not None:
             displacement = self.coordinate(fused.point, fused.patch)

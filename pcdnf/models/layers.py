@@ -20,6 +20,7 @@ class ChannelNorm(nn.BatchNorm1d):
     """BatchNorm over the last axis, in float32."""
 
     def forward(self, input: Tensor) -> Tensor:
+        """Normalise the channels of (..., C)."""
         return super().forward(input.float().reshape(-1, input.shape[-1])).view(input.shape)
 
 
@@ -34,6 +35,7 @@ class Conv1x1(nn.Module):
         self.slope = slope
 
     def forward(self, x: Tensor, shared: Tensor | None = None) -> Tensor:
+        """Features x (B, N, channels) and shared ones (B, shared) to (B, N, out)."""
         y = self.linear(x)  # (B, N, out)
         if self.shared is not None and shared is not None:
             y = y + self.shared(shared)[:, None]
@@ -50,5 +52,6 @@ class EdgeConv(nn.Module):
         self.norm = ChannelNorm(out)
 
     def forward(self, x: Tensor, graph: Tensor) -> Tensor:
+        """Features x (B, N, channels) over a graph (B, N, k) int32 to (B, N, out)."""
         y = self.centre(x) + gather_max(self.neighbour(x), graph)  # (B, N, out)
         return F.leaky_relu(self.norm(y), SLOPE)

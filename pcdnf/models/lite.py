@@ -139,7 +139,7 @@ def scaled_ridge(ridge: Tensor, corrections: Tensor) -> Tensor:
 
 
 def corrected(fit: QuadricFit, corrections: Tensor, weight: Tensor) -> LiteOutput:
-    """The last fit, moved and turned by the network's corrections (B, 9), and the weights (B, M) it was made with."""
+    """Move and turn the last fit by the network's corrections (B, 9); ``weight`` (B, M) are its weights."""
     fit = fit.shifted(0.1 * corrections[:, 4], 0.3 * corrections[:, 5:7])
     displacement = fit.displacement() + 0.1 * F.pad(corrections[:, 7:], (0, 1))  # (B, 3)
     return LiteOutput(displacement, fit.normal(), weight)

@@ -63,6 +63,7 @@ class MultiscaleFeatureExtractor(nn.Module):
         self.head = nn.Sequential(nn.Linear(128, 64), nn.ReLU(), nn.Linear(64, 3))
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Points or normals x (B, M, 3) to features (B, M, 128) and refined x (B, M, 3)."""
         graph = knn(x, self.k2)  # (B, M, k2)
         f = torch.cat([self.small(x, graph[..., : self.k1]), self.large(x, graph)], -1)  # (B, M, 48)
         f = self.mix(f)  # (B, M, 64)
@@ -93,6 +94,7 @@ class ShapeAwareSelector(nn.Module):
         self.score = Conv1x1(channels, 128)
 
     def forward(self, patch: Patch, refined: Patch, f_p: Tensor | None, f_n: Tensor | None) -> Selection:
+        """Patch, refined patch and features (B, M, 128) of points and normals to weights (B, M)."""
         points, normals = refined
         guides = []
         if self.points is not None and f_p is not None:
@@ -123,6 +125,7 @@ class FeatureRefinement(nn.Module):
         self.normal = Conv1x1(128, 128) if config.normal_branch else None
 
     def augment(self, conv: Conv1x1, f: Tensor, weight: Tensor, selected: Tensor, graph: Tensor) -> Tensor:
+        """Add the weighted mean of the neighbours' features: f (B, M, 128) to (B, K, 128) of the selected points."""
         near = weight[..., None] * f  # (B, M, 128)
         if self.transpose:  # the released code makes (B, 128, M) of it and reads that buffer as (B, M, 128)
             near = near.transpose(1, 2).contiguous().view(f.shape)
@@ -132,6 +135,7 @@ class FeatureRefinement(nn.Module):
     def forward(
         self, f_p: Tensor | None, f_n: Tensor | None, weight: Tensor, selected: Tensor, graph: Tensor
     ) -> FusedFeatures:
+        """Features (B, M, 128), weights (B, M), selection (B, K) and its graph (B, K, k) to fused features."""
         point, normal, patch, local = None, None, None, None
         if self.point is not None and f_p is not None:
             point = self.augment(self.point, f_p, weight, selected, graph)

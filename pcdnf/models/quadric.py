@@ -32,7 +32,7 @@ class QuadricFit:
 
     @property
     def height(self) -> Tensor:
-        """z (B,) of the surface above the centre."""
+        """Height (B,) of the surface above the centre."""
         return self.coefficients[:, 0]
 
     @property
@@ -41,7 +41,7 @@ class QuadricFit:
         return self.coefficients[:, 1:3]
 
     def shifted(self, height: Tensor, slope: Tensor) -> QuadricFit:
-        """The same quadric, ``height`` (B,) higher and steeper by ``slope`` (B, 2) at the centre."""
+        """Return the quadric ``height`` (B,) higher and, at the centre, steeper by ``slope`` (B, 2)."""
         change = torch.cat([height[:, None], slope, torch.zeros_like(self.coefficients[:, 3:])], -1)
         return QuadricFit(self.coefficients + change)
 
@@ -73,7 +73,7 @@ class QuadricFit:
         return self.height[:, None] / square * normal
 
     def normal(self) -> Tensor:
-        """Unit normal (B, 3) of the fit at the centre, with z > 0."""
+        """Return the unit normal (B, 3) of the fit at the centre, with z > 0."""
         normal, square = self._upward()
         return normal / square.sqrt()
 

@@ -60,7 +60,7 @@ class Camera:
         return np.where(local[:, 2:] < 0, -local, local)
 
     def framing(self, points: Floats, aspect: float, fill: float = 0.88) -> Camera:
-        """The same view, moved so that 96 % of the points, each way, fill ``fill`` of a picture of this aspect."""
+        """Move the camera until 96 % of the points, each way, fill ``fill`` of a picture of this aspect."""
         camera = self
         for _ in range(6):
             column, row, depth = camera.project(points, 1, 1)
@@ -77,12 +77,12 @@ class Camera:
         return camera
 
     def zoomed(self, column: float, row: float, factor: float) -> Camera:
-        """The picture around a place, given in picture heights from the middle, magnified."""
+        """Magnify the picture around a place, given in picture heights from the middle."""
         return replace(self, focal=self.focal * factor, middle=(column * factor, row * factor))
 
 
 def looking(direction: Floats, up: Floats, points: Floats) -> Camera:
-    """A camera that sees the points from ``direction``, with ``up`` upright."""
+    """Make a camera that sees the points from ``direction``, with ``up`` upright."""
     backward = direction / np.linalg.norm(direction)
     right = np.cross(up, backward)
     right /= np.linalg.norm(right)
@@ -107,7 +107,7 @@ def named(view: str, up: str, points: Floats) -> Camera:
 
 
 def automatic(points: Floats, normals: Floats, up: str | None = None) -> Camera:
-    """A camera from which a cloud shows its shape.
+    """Choose a camera that shows the shape of a cloud.
 
     A scan whose sensor, at the origin, lies outside its box is seen from near the sensor; anything else
     from 24 degrees above, from the side on which most differently turned surfaces are seen. Of ``up``, one of

@@ -45,7 +45,7 @@ class ColourScale:
 
     @classmethod
     def of(cls, *values: Floats) -> ColourScale:
-        """The scale of some arrays (N,) together."""
+        """Make one scale for several arrays (N,)."""
         every = np.concatenate(values)
         most = float(np.percentile(every, SHARE))
         top = _rounded_up(most) if most > 0 else _rounded_up(float(every.max())) if every.max() > 0 else 1.0
@@ -99,7 +99,7 @@ def described(values: Floats) -> str:
 def draw_legend(
     panel: Pictures.Image, scale: ColourScale, unit: str, margin: int, colour: tuple[int, int, int]
 ) -> tuple[int, int, int, int]:
-    """A horizontal bar with numbers at the foot of a panel; returns the box of the bar."""
+    """Draw a horizontal bar with numbers at the foot of a panel; return the box of the bar."""
     width, height = panel.size
     size = max(min(width, height) * 0.028, 10)
     font = ImageFont.load_default(size)
@@ -119,6 +119,6 @@ def draw_legend(
 
 
 def _rounded_up(value: float) -> float:
-    """The next round number."""
+    """Return the next round number."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(nice for nice in _NICE if nice * power >= value * (1 - 1e-9)) * power)

@@ -38,7 +38,7 @@ class Detail:
 
 
 def find_detail(cloud: Drawable, camera: Camera, height: int, width: int) -> Detail:
-    """The place where the surface turns most inside a window, and the corner that covers least of the cloud."""
+    """Find where the surface turns most inside a window, and the corner that covers least of the cloud."""
     tall, wide = height // 4, width // 4
     facing = camera.facing(cloud.normals)
     index, _ = visible(cloud.points, facing, cloud.radius, camera, tall, wide)

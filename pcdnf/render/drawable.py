@@ -72,7 +72,7 @@ class Drawable:
         return self.points[::step], self.normals[::step]
 
     def picture(self, camera: Camera, height: int, width: int, shading: float = 1.0) -> Pictures.Image:
-        """An anti-aliased picture of the cloud; ``shading`` as in :func:`pcdnf.render.splats.draw`."""
+        """Draw an anti-aliased picture; ``shading`` as in :func:`pcdnf.render.splats.draw`."""
         tall, wide = height * OVERSAMPLING, width * OVERSAMPLING
         ramp = np.linspace(0, 1, tall)[:, None, None]
         background = np.broadcast_to(np.asarray(_TOP) * (1 - ramp) + np.asarray(_BOTTOM) * ramp, (tall, wide, 3))
@@ -85,7 +85,7 @@ class Drawable:
 
 
 def _colours(cloud: PointCloud) -> Image | None:
-    """A cloud's own colours in linear light."""
+    """Return a cloud's own colours in linear light."""
     columns = [cloud.attributes.get(name) for name in ("red", "green", "blue")]
     found: NDArray[Any] | None = None
     if all(column is not None and column.ndim == 1 for column in columns):

@@ -42,7 +42,7 @@ def draw(
     *,
     shading: float = 1.0,
 ) -> Image:
-    """A cloud in front of a background.
+    """Draw a cloud in front of a background.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def draw(
 def visible(
     points: Floats, facing: Floats, radius: Floats, camera: Camera, height: int, width: int
 ) -> tuple[NDArray[np.int64], Floats]:
-    """The nearest point of each pixel (-1: none), and its depth.
+    """Find the nearest point of each pixel (-1: none) and its depth.
 
     ``facing`` are normals in camera axes, turned towards the eye; the rest is as in :func:`draw`.
     """

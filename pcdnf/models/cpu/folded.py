@@ -64,7 +64,7 @@ class _Extractor:
         self.dtype = dtype
 
     def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """x (B, M, 3) -> features (B, M, 128), hidden (B, M, 128): head, selector."""
+        """Compute features (B, M, 128) and hidden (B, M, 128), head and selector, of x (B, M, 3)."""
         B, M, _ = x.shape
         graph = coordinate_graph(x, self.k2)  # (B, M, k2)
         projected = self.project(x.view(B * M, 3)).view(B, M, 96).numpy()
@@ -120,7 +120,7 @@ class _CoordinateRegressor:
         self.head = _Head(regressor)
 
     def __call__(self, f: Tensor, patch: Tensor) -> Tensor:
-        """f (B, K, 256), patch (B, 128) -> (B, 3)."""
+        """Decode features f (B, K, 256) and patch features (B, 128) to (B, 3)."""
         B, K, C = f.shape
         local = pool(self.local(f.view(B * K, C)).view(B, K, -1))  # (B, 512)
         return torch.tanh(self.head(F.leaky_relu_(local.add_(self.shared(patch)), SLOPE)))
@@ -140,7 +140,7 @@ class _NormalRegressor:
         self.head = _Head(regressor)
 
     def __call__(self, f: Tensor, patch: Tensor) -> Tensor:
-        """f (B, K, 256), patch (B, 128) -> (B, 3)."""
+        """Decode features f (B, K, 256) and patch features (B, 128) to (B, 3)."""
         B, K, C = f.shape
         f = self.local(f.view(B * K, C)).view(B, K, -1)  # (B, K, 128)
         f = F.leaky_relu_(f.add_(self.shared(patch)[:, None].to(f.dtype)), SLOPE)
@@ -230,7 +230,7 @@ class FoldedPCDNF(nn.Module):
         return NetworkOutput(displacement, normal, weight, selected.long(), refined_points, refined_normals)
 
     def _augment(self, f: Tensor, weight: Tensor, selected: Tensor, graph: Tensor) -> Tensor:
-        """f (B, M, 128) -> (B K, 128), before the linear layer."""
+        """Augment features f (B, M, 128) to (B K, 128), before the linear layer."""
         near = f
         if self.config.release_transpose:
             near = (weight[..., None] * f).to(f.dtype).transpose(1, 2).contiguous().view(f.shape)
@@ -258,7 +258,7 @@ class PlainInference(nn.Module):
 
 
 def fold(network: PCDNF, dtype: torch.dtype = torch.float32) -> nn.Module:
-    """The network for inference, with its present weights.
+    """Fold a network for inference, with its present weights.
 
     Parameters
     ----------

@@ -68,6 +68,7 @@ class Affine:
             self.weight = torch.ops.mkldnn._reorder_linear_weight(self.weight, PACKED_ROWS)
 
     def __call__(self, x: Tensor) -> Tensor:
+        """Apply the layer: x (rows, in) to (rows, out)."""
         if self.packed:
             return _linear(x, self.weight, self.bias, self.slope)
         out = F.linear(x, self.weight, self.bias)
@@ -81,7 +82,7 @@ def _linear(x: Tensor, weight: Tensor, bias: Tensor | None = None, slope: float 
 
 
 def require(part: Part | None) -> Part:
-    """A part of a network, which must be there: the ablations have no folded form."""
+    """Return a part of a network that must exist: the ablations have no folded form."""
     assert part is not None
     return part
 
@@ -95,7 +96,7 @@ def scale_shift(norm: ChannelNorm) -> tuple[Tensor, Tensor]:
 
 
 def fold_conv(conv: Conv1x1, dtype: torch.dtype) -> Affine:
-    """A ``Conv1x1`` as one product."""
+    """Fold a ``Conv1x1`` into one product."""
     scale, shift = scale_shift(conv.norm)
     return Affine(scale[:, None] * conv.linear.weight, shift, dtype, conv.slope)
 
@@ -111,7 +112,7 @@ class Edges:
         self.dtype = dtype
 
     def __call__(self, x: Tensor, graph: Tensor) -> Tensor:
-        """x (B * N, C), graph (B, N, k) -> (B, N, out)."""
+        """Convolve x (B * N, C) over a graph (B, N, k): (B, N, out)."""
         B, N, k = graph.shape
         channels = len(self.scale)
         out = torch.empty(B, N, channels, dtype=self.dtype)
@@ -121,7 +122,7 @@ class Edges:
 
 
 def feature_graph(x: Tensor, k: int) -> Tensor:
-    """x (B, N, C) -> nearest points in feature space (B, N, k), int32."""
+    """Find the nearest points in feature space: x (B, N, C) to (B, N, k), int32."""
     B, N, _ = x.shape
     centred, squares = torch.empty_like(x), np.empty((B, N), np.float32)
     pcdnf_kernels.centre(as_numpy(x), as_numpy(centred), squares)
@@ -136,14 +137,14 @@ def feature_graph(x: Tensor, k: int) -> Tensor:
 
 
 def inner_products(x: Tensor) -> Tensor:
-    """x (B, N, C) -> (B, N, N); of one patch in float32 oneDNN makes them faster."""
+    """Multiply x (B, N, C) to (B, N, N); oneDNN is faster for a single patch in float32."""
     if len(x) == 1 and x.dtype is torch.float32 and has_packed_products(x.dtype):
         return _linear(x[0], x[0])[None]
     return torch.bmm(x, x.transpose(1, 2))
 
 
 def coordinate_graph(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
-    """x (B, N, 3) -> nearest points (B, Q, k), int32."""
+    """Find the nearest points in space: x (B, N, 3) to (B, Q, k), int32."""
     B, N, _ = x.shape
     rows = all_queries(B, N) if queries is None else queries.numpy()
     graph = torch.empty(B, rows.shape[1], k, dtype=torch.int32)
@@ -157,12 +158,12 @@ def all_queries(B: int, N: int) -> np.ndarray[Any, np.dtype[np.int32]]:
 
 
 def pool(x: Tensor) -> Tensor:
-    """x (B, N, C) -> maximum over N (B, C), float32."""
+    """Take the maximum over N: x (B, N, C) to (B, C), float32."""
     out = torch.empty(x.shape[0], x.shape[2])
     pcdnf_kernels.pool(as_numpy(x), out.numpy())
     return out
 
 
 def as_numpy(x: Tensor) -> np.ndarray[Any, Any]:
-    """The memory of a tensor; bfloat16 as uint16."""
+    """View the memory of a tensor as an array; bfloat16 becomes uint16."""
     return (x.view(torch.uint16) if x.dtype is torch.bfloat16 else x).numpy()

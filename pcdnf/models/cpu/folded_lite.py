@@ -112,5 +112,5 @@ class FoldedLite(nn.Module):
         return fits, corrections, weight
 
     def _product(self, layer: Affine, f: Tensor) -> Tensor:
-        """A layer on features (B, M, width)."""
+        """Apply a layer to features (B, M, width)."""
         return layer(f.view(-1, f.shape[2])).view(f.shape)

@@ -25,7 +25,7 @@ intrinsic: Any = extending.intrinsic
 
 @intrinsic
 def widened(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """A feature as float32."""
+    """Convert a feature to float32."""
 
     def codegen(_context: Any, builder: Any, signature: Any, args: Any) -> Any:
         if signature.args[0] == types.float32:
@@ -38,7 +38,7 @@ def widened(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:  # noqa:
 
 @intrinsic
 def narrowed(typing: Any, value: Any, like: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """A float32 as an element of the array ``like``, rounded to the nearest even."""
+    """Convert a float32 to an element of the array ``like``, rounded to the nearest even."""
 
     def codegen(_context: Any, builder: Any, signature: Any, args: Any) -> Any:
         if signature.return_type == types.float32:

@@ -59,7 +59,7 @@ def gather_argmax(values: Float, index: Index, out: Float, winner: Index) -> Non
 
 @_jit
 def gather_argmax_backward(grad: Float, winner: Index, grad_values: Float) -> None:
-    """Adds grad (B, Q, C) to the rows of grad_values (B, N, C) that won."""
+    """Add grad (B, Q, C) to the rows of grad_values (B, N, C) that won."""
     B, Q, C = grad.shape
     for b in numba.prange(B):
         for q in range(Q):
@@ -88,7 +88,7 @@ def gather_mean(values: Float, index: Index, out: Float) -> None:
 
 @_jit
 def gather_mean_backward(grad: Float, index: Index, grad_values: Float) -> None:
-    """Adds grad (B, Q, C) / k to the rows of grad_values (B, N, C) that were averaged."""
+    """Add grad (B, Q, C) / k to the rows of grad_values (B, N, C) that were averaged."""
     B, Q, k = index.shape
     C = grad.shape[2]
     scale = np.float32(1.0 / k)

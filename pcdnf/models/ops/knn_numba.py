@@ -98,7 +98,7 @@ def _first_bit(typing: Any, bits: Any) -> tuple[Any, Callable[..., Any]]:  # noq
 
 @intrinsic
 def _count_bits(typing: Any, bits: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """Number of set bits."""
+    """Count the set bits."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         return builder.ctpop(args[0])
@@ -128,7 +128,7 @@ def _group_minima(typing: Any, keys: Any, length: Any, low: Any) -> tuple[Any, C
 
 @intrinsic
 def _order(typing: Any, array: Any, i: Any, j: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """The smaller of each pair goes to array[i : i + 16], the larger to array[j : j + 16]."""
+    """Put the smaller of each pair into array[i : i + 16], the larger into array[j : j + 16]."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         first = _vector(context, builder, signature.args[0], args[0], args[1], LANES)
@@ -144,7 +144,7 @@ def _order(typing: Any, array: Any, i: Any, j: Any) -> tuple[Any, Callable[..., 
 
 @intrinsic
 def _rank(typing: Any, keys: Any, count: Any, ranks: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ARG001
-    """ranks (int32) of the first ``count`` keys among themselves; both arrays have room for whole lanes."""
+    """Rank the first ``count`` keys among themselves (int32); both arrays have room for whole lanes."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         lanes, word = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)
@@ -175,7 +175,7 @@ def _rank(typing: Any, keys: Any, count: Any, ranks: Any) -> tuple[Any, Callable
 
 @_inline
 def _take(keys: Any, bound: Any, found: Any, found_keys: Any, ranks: Any, row: Any) -> None:
-    """Steps 3 and 4: the k nearest of keys (P,), nearest first, into row (k,)."""
+    """Do steps 3 and 4: the k nearest of keys (P,), nearest first, into row (k,)."""
     k = row.shape[0]
     count = 0
     for start in range(0, keys.shape[0], WORD):
@@ -204,7 +204,7 @@ def _take(keys: Any, bound: Any, found: Any, found_keys: Any, ranks: Any, row: A
 
 @_jit
 def select_features(gram: Features, squares: Float, queries: Index, index: Index) -> None:
-    """The k nearest points from inner products: gram (B, N, N), its diagonal (B, N), queries (B, Q) -> index (B, Q, k).
+    """Select by inner products: gram (B, N, N), its diagonal (B, N), queries (B, Q) to index (B, Q, k).
 
     ``gram`` is float32, or bfloat16 seen as uint16. The rank of candidate q for point p is that of ``|q|^2 - 2 p.q``:
     the term ``|p|^2`` is the same for all.
@@ -235,7 +235,7 @@ def select_features(gram: Features, squares: Float, queries: Index, index: Index
 
 @_jit
 def select_coordinates(points: Float, queries: Index, index: Index) -> None:
-    """The k nearest points in 3-D: points (B, N, 3), queries (B, Q) -> index (B, Q, k)."""
+    """Select the k nearest points in space: points (B, N, 3), queries (B, Q) to index (B, Q, k)."""
     B, Q, _ = index.shape
     N = points.shape[1]
     blocks = (Q + LANES - 1) // LANES
@@ -269,7 +269,7 @@ def select_coordinates(points: Float, queries: Index, index: Index) -> None:
 
 @_inline
 def _finish(keys: Any, minima: Any, queries: Any, index: Any) -> None:
-    """Steps 2 to 4 for up to sixteen queries: keys (16, P), queries (n,) -> index (n, k)."""
+    """Do steps 2 to 4 for up to sixteen queries: keys (16, P), queries (n,) to index (n, k)."""
     for pair in range(NETWORK.shape[0]):
         _order(minima, NETWORK[pair, 0] * LANES, NETWORK[pair, 1] * LANES)
     k = index.shape[1]

@@ -29,7 +29,7 @@ except ImportError:
 
 
 def knn(x: Tensor, k: int, queries: Tensor | None = None) -> Tensor:
-    """Indices of the k nearest points, the point itself first.
+    """Find the k nearest points, the point itself first.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _check(x: Tensor, k: int) -> None:
 
 
 def share_threads() -> None:
-    """The kernels take as many threads as torch was given."""
+    """Give the kernels as many threads as torch has."""
     threads = torch.get_num_threads()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     if torch.get_num_threads() != threads:  # Numba's first launch sets OpenMP's number, which is torch's, to all cores

@@ -55,6 +55,7 @@ class GatherMax(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, index: Tensor) -> Tensor:
+        """Gather the maxima and remember which neighbour each came from."""
         values, index = values.contiguous(), index.contiguous()
         (B, N, C), (_, Q, k) = values.shape, index.shape
         out = torch.empty(B, Q, C, device=values.device)
@@ -67,6 +68,7 @@ class GatherMax(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
+        """Scatter the gradient to the neighbours that the maxima came from."""
         (winner,) = ctx.saved_tensors
         grad = torch.zeros(len(winner), ctx.points, winner.shape[2], device=winner.device)
         return grad.scatter_add_(1, winner.long(), grads[0].float()).to(ctx.dtype), None

@@ -99,13 +99,13 @@ def normalise(features: Features, valid: Any, scale: Float, shift: Float, slope:
 
 @_inline
 def _inverse(variance: Any) -> Any:
-    """What LayerNorm multiplies by; rounding may leave a variance of zero negative."""
+    """Return the factor of LayerNorm; rounding may leave a variance of zero negative."""
     return np.float32(1) / np.sqrt(max(variance, np.float32(0)) + np.float32(EPSILON))
 
 
 @_jit
 def activate(hidden: Features, context: Float, slope: float) -> None:
-    """A patch's own part added, and the activation, in place: hidden (B, M, C), context (B, C)."""
+    """Add a patch's context (B, C) to hidden (B, M, C) and apply the activation, in place."""
     B, M, C = hidden.shape
     floor = np.float32(slope)
     for b in range(B):

@@ -85,7 +85,7 @@ def _equations(points: Float, weights: Float, gram: Double, right: Double) -> fl
 def _slope_equations(
     points: Float, weights: Float, normals: Float, slope_weights: Float, gram: Double, right: Double
 ) -> None:
-    """Added to them: ``b + 2 d x + e y = -u / w`` and ``c + e x + 2 f y = -v / w``, weighted by w squared."""
+    """Add the equations ``b + 2 d x + e y = -u / w`` and ``c + e x + 2 f y = -v / w``, weighted by w squared."""
     m0 = m1 = m2 = m3 = m4 = m5 = 0.0
     u0 = u1 = u2 = v0 = v1 = v2 = 0.0
     for i in range(len(weights)):
