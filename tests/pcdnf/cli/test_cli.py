@@ -272,7 +272,7 @@ def test_as_a_user_runs_it(noisy: Path, tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "pcdnf.cli.main",
+        "pcdnf.cli",
         "denoise",
         str(noisy),
         "-o",
