@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.service_process import Service
+from tests.support.service_process import KEY, Service
 
+pytest_plugins = ["tests.support.selection"]
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # several processes share the cores: none may spin
 
 
@@ -21,6 +22,28 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no benchmark data: set PCDNF_SHARED_DATA")
     return folder
+
+
+@pytest.fixture(scope="session")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """The service with its worker, one a process of tests; leave no job behind that the next test would wait for."""
+    service = Service(tmp_path_factory.mktemp("running")).start()
+    yield service
+    assert service.stop() == 0, service.output()
+
+
+@pytest.fixture(scope="session")
+def url(running: Service) -> str:
+    """Its address."""
+    return str(running.client.base_url).rstrip("/")
+
+
+@pytest.fixture(scope="session")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A service whose only key is `KEY`."""
+    service = Service(tmp_path_factory.mktemp("keyed"), api_key=KEY).start()
+    yield service
+    assert service.stop() == 0, service.output()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -5,26 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
 import trimesh
 
 from pcdnf.formats import read
-from tests.support.service_process import Service, sphere, write_sphere
+from tests.support.service_process import KEY, Service, sphere, write_sphere
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-KEY = "opensesame-opensesame"
 COUNT = 1500
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    service = Service(tmp_path_factory.mktemp("examples"), tile_points=4096, api_key=KEY).start()
-    yield service
-    assert service.stop() == 0
 
 
 def run(*command: object, status: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -44,25 +34,25 @@ def of(service: Service, **more: str) -> dict[str, str]:
     return {"PCDNF_URL": str(service.client.base_url).rstrip("/"), "PCDNF_API_KEY": KEY} | more
 
 
-def test_denoise_sh(service: Service, tmp_path: Path) -> None:
+def test_denoise_sh(keyed: Service, tmp_path: Path) -> None:
     scan = write_sphere(tmp_path / "scan.ply", COUNT)
-    assert run(EXAMPLES / "denoise.sh", scan, **of(service)).stdout == f"{tmp_path / 'scan_denoised.ply'}\n"
+    assert run(EXAMPLES / "denoise.sh", scan, **of(keyed)).stdout == f"{tmp_path / 'scan_denoised.ply'}\n"
     assert error(tmp_path / "scan_denoised.ply") < 0.8 * error(scan)
     scan.write_text("no cloud")
-    refused = run(EXAMPLES / "denoise.sh", scan, tmp_path / "out.ply", status=1, **of(service))
+    refused = run(EXAMPLES / "denoise.sh", scan, tmp_path / "out.ply", status=1, **of(keyed))
     assert "The file is not of a known format" in refused.stderr
     assert KEY not in refused.stdout + refused.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scan.ply", "scan_denoised.ply"]
 
 
-def test_python_client(service: Service, tmp_path: Path) -> None:
+def test_python_client(keyed: Service, tmp_path: Path) -> None:
     scan = write_sphere(tmp_path / "scan.ply", COUNT)
-    done = run(sys.executable, EXAMPLES / "python_client.py", scan, tmp_path / "clean.ply", **of(service))
+    done = run(sys.executable, EXAMPLES / "python_client.py", scan, tmp_path / "clean.ply", **of(keyed))
     assert "succeeded: 100%" in done.stdout
     assert error(tmp_path / "clean.ply") < 0.8 * error(scan)
     refused = run(
         sys.executable, EXAMPLES / "python_client.py", scan, tmp_path / "x.ply", status=1,
-        **of(service, PCDNF_API_KEY="another-key-of-nobody"),
+        **of(keyed, PCDNF_API_KEY="another-key-of-nobody"),
     )  # fmt: skip
     assert "asks for a key" in refused.stderr
     assert "Traceback" not in refused.stderr

@@ -69,14 +69,6 @@ def make_page(browser: Browser) -> Iterator[MakePage]:
     assert cookies == []
 
 
-@pytest.fixture(scope="session")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """The service with its worker."""
-    service = Service(tmp_path_factory.mktemp("browser")).start()
-    yield service
-    assert service.stop() == 0, service.output()
-
-
 @pytest.fixture(scope="module")
 def done(running: Service, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A finished job of a coloured, flattened sphere."""

@@ -14,7 +14,6 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -57,13 +56,6 @@ def with_code(*kinds: str, long: bool = False) -> list[object]:
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    service = Service(tmp_path_factory.mktemp("service"), tile_points=8192).start()
-    yield service
-    assert service.stop() == 0
-
-
-@pytest.fixture(scope="module")
 def samples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The clouds of ``examples/``, thinned."""
     folder = tmp_path_factory.mktemp("samples")
@@ -80,9 +72,9 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, samples: Path, service: Service) -> Path:
+def folder(tmp_path: Path, samples: Path, running: Service) -> Path:
     """Where a page is worked through."""
-    (tmp_path / "data").symlink_to(service.data)
+    (tmp_path / "data").symlink_to(running.data)
     (tmp_path / "examples").symlink_to(samples)
     (tmp_path / "scans").mkdir()
     for name in ("scan.ply", "scans/first.ply", "scans/second.ply"):
@@ -91,13 +83,12 @@ def folder(tmp_path: Path, samples: Path, service: Service) -> Path:
 
 
 @pytest.mark.parametrize("page", with_code("sh", "python"))
-def test_blocks_run(page: Path, folder: Path, service: Service) -> None:
-    address = str(service.client.base_url).rstrip("/")
-    more = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PCDNF_URL": address}
+def test_blocks_run(page: Path, folder: Path, url: str) -> None:
+    more = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PCDNF_URL": url}
     for block in blocks(page):
         if block.long or block.kind not in ("sh", "python"):
             continue
-        text = block.text.replace(ADDRESS, address)
+        text = block.text.replace(ADDRESS, url)
         command = [sys.executable, "-c", text] if block.kind == "python" else ["bash", "-c", SHELL + text]
         done = subprocess.run(
             command, cwd=folder, env=os.environ | more, capture_output=True, text=True, timeout=SECONDS

@@ -10,6 +10,8 @@ import pytest
 import torch
 
 from pcdnf.formats import FormatError, Limits, PointCloud, read
+from tests.support.misbehaving import Proxy, misbehaving
+from tests.support.service_process import write_sphere
 
 
 @pytest.fixture
@@ -47,3 +49,22 @@ def load(tmp_path: Path) -> Callable[..., PointCloud]:
         return read(path, limits=Limits(**limits))
 
     return from_bytes
+
+
+@pytest.fixture
+def proxy(url: str) -> Iterator[Proxy]:
+    """A proxy before the running service that can be told to misbehave."""
+    with misbehaving(url) as proxy:
+        yield proxy
+
+
+@pytest.fixture
+def cloud(tmp_path: Path) -> Path:
+    """A PLY of 1,500 points."""
+    return write_sphere(tmp_path / "small scan.ply", 1500)
+
+
+@pytest.fixture(autouse=True)
+def _no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("PCDNF_URL", "PCDNF_API_KEY"):
+        monkeypatch.delenv(name, raising=False)

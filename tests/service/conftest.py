@@ -1,4 +1,4 @@
-"""One running service for the whole session, and an API without a worker for each test that asks."""
+"""An API without a worker for each test that asks."""
 
 from __future__ import annotations
 
@@ -16,14 +16,6 @@ from service.settings import Settings
 from tests.support.board import Board, MakeApi, open_board
 from tests.support.servers import s3_server
 from tests.support.service_process import Served, Service, write_sphere
-
-
-@pytest.fixture(scope="session")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """The service with its worker; shared, so leave no job behind that the next test would wait for."""
-    service = Service(tmp_path_factory.mktemp("running")).start()
-    yield service
-    assert service.stop() == 0, service.output()
 
 
 @pytest.fixture

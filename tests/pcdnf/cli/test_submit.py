@@ -23,7 +23,7 @@ from pcdnf.client import Client
 from pcdnf.formats import PointCloud, read, write
 from service.api.intake.parameters import Parameters
 from tests.support.misbehaving import Proxy, busy
-from tests.support.service_process import Service, sphere, write_sphere
+from tests.support.service_process import KEY, Service, sphere, write_sphere
 
 LONG = ["--iterations", "4"]
 
@@ -164,17 +164,15 @@ def test_detached_jobs_are_listed_resumed_and_removed(
     assert run("submit", "--resume", job_id, "--out-folder", tmp_path, "--url", url) == 1
 
 
-def test_a_key_from_a_file_is_never_shown(tmp_path: Path, cloud: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "key").write_text("opensesame-opensesame\n")
-    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start()
-    try:
-        address = str(keyed.client.base_url)
-        with_key = ["--url", address, "--key-file", tmp_path / "key"]
-        assert run("submit", cloud, "--detach", *with_key) == 0
-        assert run("jobs", *with_key) == 0
-        assert run("submit", cloud, cloud.with_name("small*"), "--detach", "--url", address) == 1
-    finally:
-        assert keyed.stop() == 0
+def test_a_key_from_a_file_is_never_shown(
+    keyed: Service, tmp_path: Path, cloud: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "key").write_text(f"{KEY}\n")
+    address = str(keyed.client.base_url)
+    with_key = ["--url", address, "--key-file", tmp_path / "key"]
+    assert run("submit", cloud, "--detach", *with_key) == 0
+    assert run("jobs", *with_key) == 0
+    assert run("submit", cloud, cloud.with_name("small*"), "--detach", "--url", address) == 1
     captured = capsys.readouterr()
     assert "asks for a key" in captured.err
     assert "sesame" not in captured.out + captured.err

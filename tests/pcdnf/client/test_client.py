@@ -35,7 +35,7 @@ from pcdnf.errors import PcdnfError
 from pcdnf.formats import read
 from service.api import schemas
 from tests.support.misbehaving import Handler, Proxy, alter, busy, cut_answer, drop, drop_answer
-from tests.support.service_process import Service, write_sphere
+from tests.support.service_process import KEY, Service, write_sphere
 
 LONG = {"iterations": 4}
 
@@ -228,20 +228,16 @@ def test_models(url: str) -> None:
     assert all(re.fullmatch("[0-9a-f]{64}", model.sha256) for model in models)
 
 
-def test_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, proxy: Proxy) -> None:
-    keyed = Service(tmp_path / "keyed", api_key="opensesame-opensesame").start()
-    try:
-        address = str(keyed.client.base_url)
-        with Client(address) as client, pytest.raises(ProblemError, match="asks for a key"):
-            client.models()
-        monkeypatch.setenv("PCDNF_API_KEY", "opensesame-opensesame")
-        with Client(address) as client:
-            assert client.models()
-            assert "opensesame-opensesame" not in repr(vars(client))
-        with Client(address, key="another") as client, pytest.raises(ProblemError):
-            client.models()
-    finally:
-        assert keyed.stop() == 0
+def test_keys(keyed: Service, monkeypatch: pytest.MonkeyPatch, proxy: Proxy) -> None:
+    address = str(keyed.client.base_url)
+    with Client(address) as client, pytest.raises(ProblemError, match="asks for a key"):
+        client.models()
+    monkeypatch.setenv("PCDNF_API_KEY", KEY)
+    with Client(address) as client:
+        assert client.models()
+        assert KEY not in repr(vars(client))
+    with Client(address, key="another") as client, pytest.raises(ProblemError):
+        client.models()
     with pytest.raises(PcdnfError) as raised:
         Client(proxy.address, key="open\nsesame")
     assert "sesame" not in str(raised.value)
