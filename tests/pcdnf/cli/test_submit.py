@@ -182,7 +182,7 @@ def test_a_key_from_a_file_is_never_shown(
 
 
 def command(url: str, *arguments: object) -> list[str]:
-    return [sys.executable, "-m", "pcdnf.cli.main", "submit", *map(str, arguments), "--url", url]
+    return [sys.executable, "-m", "pcdnf.cli", "submit", *map(str, arguments), "--url", url]
 
 
 def status(url: str, job_id: str) -> str:
