@@ -65,6 +65,20 @@ def add_denoise(subparsers: Subparsers) -> None:
         choices=["keep", "reject", "drop"],
         help="rows of NaN or infinity: come back in their places, are refused, or left out (keep)",
     )
+    parser.add_argument(
+        "--ignore-classes",
+        type=_classes,
+        default=(),
+        metavar="C,C",
+        help="classes of a LAS that come back as they are and are left out of the fit, such as noise: 7,18",
+    )
+    parser.add_argument(
+        "--coordinates",
+        default="keep",
+        choices=["keep", "float32", "float64"],
+        help="type of the result's coordinates; float32 far from the origin are moved by an offset, which is recorded "
+        "(keep)",
+    )
     parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="of every random choice (0)")
     parser.add_argument(
         "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved"
@@ -80,6 +94,24 @@ def _natural(text: str) -> int:
     return value
 
 
+def _classes(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError("must be whole numbers with commas between them, such as 7,18") from None
+
+
+def _without_classes(cloud: PointCloud, classes: tuple[int, ...]) -> PointCloud:
+    """The cloud with the points of some classes put aside."""
+    if not classes:
+        return cloud
+    from ..formats.attributes import ignored
+
+    found = ignored(cloud, classes)
+    why = f"{len(found)} points of the classes {', '.join(map(str, classes))} were left as they are."
+    return cloud.aside(found, why)
+
+
 def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
 
@@ -88,6 +120,7 @@ def _denoise(options: argparse.Namespace) -> int:
     check_iterations(options.iterations)
     check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
+    cloud = _without_classes(cloud, options.ignore_classes)
     if options.outliers == "drop":
         from ..geometry.outliers import drop_outliers
 
@@ -110,7 +143,7 @@ def _denoise(options: argparse.Namespace) -> int:
         normals = orient_normals(result.points, normals, like=cloud.normals)
     around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
     denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
-    notes = denoised.warnings + _written(options.output, denoised, options.input)
+    notes = denoised.warnings + _written(options.output, denoised, options)
     if result.flagged.any():
         notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
     for note in notes:
@@ -151,14 +184,22 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
         )
 
 
-def _written(path: Path, cloud: PointCloud, source: Path) -> list[str]:
+def _written(path: Path, cloud: PointCloud, options: argparse.Namespace) -> list[str]:
     """Write a result in the format its name asks for, else in that of the input; what could not be kept."""
     from ..formats import write
 
     ending = path.suffix.lower()
-    as_it_came = cloud.flavour.format in TEXT_FORMATS and ending == source.suffix.lower()  # a .txt may hold commas
+    as_it_came = (
+        cloud.flavour.format in TEXT_FORMATS and ending == options.input.suffix.lower()
+    )  # a .txt may hold commas
     try:
-        return write(path, cloud, format=None if as_it_came else SUFFIXES.get(ending), check=True)
+        return write(
+            path,
+            cloud,
+            format=None if as_it_came else SUFFIXES.get(ending),
+            coordinates=options.coordinates,
+            check=True,
+        )
     except OSError as error:
         raise PcdnfError(
             f"{path} cannot be written: {error.strerror or type(error).__name__}.",

@@ -11,7 +11,7 @@ does not import torch.
 
 from .errors import CODES, FormatError
 from .files import read, sniff, write
-from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
+from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, PtxFlavour, XyzFlavour
 from .limits import Limits
 from .point_cloud import PointCloud
 
@@ -25,6 +25,7 @@ __all__ = [
     "PcdFlavour",
     "PlyFlavour",
     "PointCloud",
+    "PtxFlavour",
     "XyzFlavour",
     "read",
     "sniff",

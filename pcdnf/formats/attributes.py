@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .colours import BYTE, WORD, colours_of, sixteen_bit_intensity
-from .errors import shown
+from .errors import FormatError, shown
 from .point_cloud import PointCloud
 from .roles import CHANNELS, canonical_name
 
@@ -50,6 +51,25 @@ def numeric_attributes(cloud: PointCloud, title: str) -> tuple[Columns, list[str
         else:
             kept[name] = values
     return kept, notes
+
+
+def ignored(cloud: PointCloud, classes: Sequence[int]) -> NDArray[np.int64]:
+    """Rows of the points whose classification is one of ``classes``, ascending.
+
+    Raises
+    ------
+    FormatError
+        ``missing_column`` where the cloud has no classification.
+    """
+    column = renamed(cloud.attributes).get("classification")
+    values = None if column is None else numbers(column)
+    if values is None or values.ndim != 1:
+        raise FormatError(
+            "The cloud has no classification, so no classes can be left out.",
+            code="missing_column",
+            hint="Leave out --ignore-classes, or send a LAS or LAZ with classes.",
+        )
+    return np.flatnonzero(np.isin(values, classes))
 
 
 def renamed(attributes: Columns) -> Columns:

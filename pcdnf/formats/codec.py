@@ -20,6 +20,8 @@ class Codec(Protocol):
         A key of :data:`pcdnf.file_formats.FORMATS`.
     holds_holes : bool
         Whether rows without coordinates have a place in a file.
+    rounding : float
+        How far coordinates move at most when they are stored, as a share of the distance of neighbours.
     """
 
     @property
@@ -27,6 +29,9 @@ class Codec(Protocol):
 
     @property
     def holds_holes(self) -> bool: ...
+
+    @property
+    def rounding(self) -> float: ...
 
     def sniff(self, head: bytes) -> bool:
         """Whether a file that begins with ``head`` is of this format."""
@@ -53,6 +58,7 @@ class FileCodec:
     reader: Callable[[BinaryIO, int, Limits], PointCloud]
     writer: Callable[[BinaryIO, PointCloud], list[str]]
     holds_holes: bool = True
+    rounding: float = 1e-9
     arranger: Callable[[PointCloud], tuple[PointCloud, list[str]]] | None = None
 
     def sniff(self, head: bytes) -> bool:

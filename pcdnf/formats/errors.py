@@ -22,6 +22,7 @@ CODES = {
     "file_too_large": "the file, or what it inflates to, is over the byte limit",
     "header_too_long": "a header, or a line or a list in it, is over its limit",
     "member_too_large": "an NPZ member that carries text is over its limit",
+    "missing_column": "a column that was asked for is not in the file",
     "missing_coordinates": "no x, y, z, or no points member",
     "missing_extra": "the library that reads the format is not installed",
     "nonfinite": "coordinates or normals contain NaN or infinity",

@@ -7,6 +7,7 @@ import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -15,19 +16,26 @@ import numpy as np
 
 from ..errors import PcdnfError
 from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
+from .attributes import renamed
 from .codec import Codec, FileCodec
+from .coordinates import Coordinates, with_coordinates, without_steps
 from .e57.codec import read_e57
 from .e57.write import write_e57
 from .errors import FormatError, check_available, shown
-from .flavours import PlyFlavour
+from .flavours import PcdFlavour, PlyFlavour
 from .las.codec import arranged, read_las, write_las
+from .las.grid import COARSEST
 from .limits import Limits
 from .npz.codec import read_npz, write_npz
 from .pcd.codec import read_pcd, write_pcd
 from .ply.codec import read_ply, write_ply
 from .point_cloud import PointCloud, checked
+from .ptx.codec import read_ptx, write_ptx
 from .readback import check_written
 from .xyz.codec import read_xyz, write_xyz
+
+_GRID = 0.5 / COARSEST
+"""Coordinates of a LAS move by half a step of a grid of at least so many steps between neighbours."""
 
 CODECS: dict[str, Codec] = {
     codec.name: codec
@@ -38,18 +46,28 @@ CODECS: dict[str, Codec] = {
         FileCodec("xyz", read_xyz, partial(write_xyz, format_="xyz")),
         FileCodec("csv", read_xyz, partial(write_xyz, format_="csv")),
         FileCodec("pts", read_xyz, partial(write_xyz, format_="pts")),
-        FileCodec("las", read_las, partial(write_las, compressed=False), holds_holes=False),
-        FileCodec("laz", read_las, partial(write_las, compressed=True), holds_holes=False),
+        FileCodec("ptx", read_ptx, write_ptx),
+        FileCodec("las", read_las, partial(write_las, compressed=False), holds_holes=False, rounding=_GRID),
+        FileCodec("laz", read_las, partial(write_las, compressed=True), holds_holes=False, rounding=_GRID),
         FileCodec("e57", read_e57, write_e57),
     )
 }
 """How each format of :data:`pcdnf.file_formats.FORMATS` is read and written."""
 
-COPC = FileCodec("laz", read_las, partial(write_las, compressed=True, copc=True), holds_holes=False, arranger=arranged)
+COPC = FileCodec(
+    "laz",
+    read_las,
+    partial(write_las, compressed=True, copc=True),
+    holds_holes=False,
+    rounding=_GRID,
+    arranger=arranged,
+)
 """A LAZ whose name ends in :data:`COPC_ENDING`."""
 COPC_ENDING = ".copc.laz"
+_OWN_TYPES = ("las", "laz", "e57")
 
 _MAGIC_BYTES = 8
+_MAGIC_LINES_BYTES = 2048
 
 
 def sniff(head: bytes, *, text: bool = False) -> str:
@@ -110,7 +128,17 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bo
             )
         kind = sniff(file.read(_MAGIC_BYTES), text=_is_text(path) if text is None else text)
         file.seek(0)
-        return CODECS[kind].read(file, size, limits)
+        if kind == "xyz" and (Path(path).suffix.lower() == ".ptx" or (text and _is_ptx(file))):
+            kind = "ptx"
+        return without_steps(CODECS[kind].read(file, size, limits))
+
+
+def _is_ptx(file: BinaryIO) -> bool:
+    """Whether text begins as a PTX does: two whole numbers, then three lines and more of three numbers."""
+    head = file.read(_MAGIC_LINES_BYTES).split(b"\n")
+    file.seek(0)
+    widths = [len(line.split()) for line in head if line.strip()][:10]
+    return widths == [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
 
 
 def _is_text(path: str | os.PathLike[str]) -> bool:
@@ -143,6 +171,7 @@ def write(
     cloud: PointCloud,
     *,
     format: str | None = None,
+    coordinates: Coordinates = "keep",
     check: bool = False,
 ) -> list[str]:
     """Write a cloud in one step: a reader sees the old file or the whole new one, also after a power loss.
@@ -155,6 +184,9 @@ def write(
     format : str, optional
         A name of :data:`pcdnf.file_formats.FORMATS`.
         By default as the cloud came, with the same encoding, types, names and order.
+    coordinates : {"keep", "float32", "float64"}
+        The type of the coordinates; float32 far from the origin are moved by an offset, which is recorded. LAS, LAZ
+        and E57 have types of their own.
     check : bool
         Whether the file is read back, and compared with the cloud, before it takes the place of ``path``.
 
@@ -173,7 +205,11 @@ def write(
     name = format or cloud.flavour.format
     check_available(name)
     codec = COPC if name == "laz" and os.fspath(path).lower().endswith(COPC_ENDING) else CODECS[name]
-    stored, notes = _storable(cloud, codec)
+    typed, moved = (cloud, []) if codec.name in _OWN_TYPES else with_coordinates(cloud, coordinates)
+    if codec.name == "pcd" and coordinates == "float64" and not isinstance(typed.flavour, PcdFlavour):
+        typed = replace(typed, flavour=PcdFlavour(), attributes=renamed(typed.attributes))
+    stored, notes = _storable(typed, codec)
+    notes = moved + notes
     with replacing(path) as file:
         notes += codec.write(file, stored)
         if check:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .e57.header import Scan
 from .las.grid import Grid
 from .las.header import Record
@@ -157,6 +160,30 @@ class LasFlavour:
     extras: tuple[Extra, ...] = ()
     grid: Grid = field(default_factory=Grid)
     normals: tuple[str, str, str] = ("NormalX", "NormalY", "NormalZ")
+
+
+_STANDING = (*("0 0 0", "1 0 0", "0 1 0", "0 0 1"), *("1 0 0 0", "0 1 0 0", "0 0 1 0", "0 0 0 1"))
+
+
+@dataclass(frozen=True)
+class PtxScan:
+    """One scan of a PTX: its grid, and its position, axes and matrix as spelled."""
+
+    columns: int
+    rows: int
+    lines: tuple[str, ...] = _STANDING
+
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 3) float64: rows of a point times the first three, plus the last, are in the common frame."""
+        return np.array([[float(word) for word in line.split()[:3]] for line in self.lines[4:]])
+
+
+@dataclass(frozen=True)
+class PtxFlavour:
+    """The scans of a PTX in file order."""
+
+    scans: tuple[PtxScan, ...] = ()
+    format: Literal["ptx"] = "ptx"
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import FormatError
-from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, XyzFlavour
+from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, PtxFlavour, XyzFlavour
 from .limits import FLOATS, Array, Limits, check_enough, check_extent
 from .roles import stale_normals
 
-Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour | LasFlavour | E57Flavour
+Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour | LasFlavour | E57Flavour | PtxFlavour
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import BinaryIO
 
 import numpy as np
 
 from .codec import Codec
+from .coordinates import spacing
 from .errors import FormatError
 from .limits import Array, Limits
 from .point_cloud import PointCloud
 
 SAMPLE = 1000
 """Rows that are compared, evenly spread."""
-
-_CLOSE = 1e-4
-"""Of the typical distance of neighbours: formats with a grid of their own move points by less."""
 
 
 def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) -> None:
@@ -42,7 +39,7 @@ def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) ->
         raise _wrong(f"it cannot be read ({error})") from error
     if len(again) != len(cloud):
         raise _wrong(f"it has {len(again)} points in place of {len(cloud)}")
-    tolerance = _tolerance(cloud.points)
+    tolerance = _tolerance(cloud.points, codec.rounding, single=again.points.dtype == np.float32)
     for what, bound in (("lowest", np.nanmin), ("highest", np.nanmax)):
         with np.errstate(invalid="ignore"):
             if (
@@ -78,13 +75,13 @@ def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, 0)
 
 
-def _tolerance(points: Array) -> float:
-    """How far a stored coordinate may be from the one given: by the digits of float32, or the grid of the format."""
-    finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
-    low, high = finite.min(axis=0), finite.max(axis=0)
-    spacing = float(np.linalg.norm(high - low)) / math.sqrt(len(finite))
-    most = float(np.abs(np.stack([low, high])).max())
-    return max(_CLOSE * spacing, most * 1e-6, 1e-300)
+def _tolerance(points: Array, rounding: float, *, single: bool) -> float:
+    """How far a stored coordinate may be from the one given: by the digits of its type, or the grid of the format."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return 0.0
+    most = float(np.abs(finite).max())
+    return max(rounding * spacing(finite), most * (1.2e-7 if single else 1e-14))
 
 
 def _alike(first: Array, second: Array, tolerance: float) -> bool:

@@ -76,6 +76,12 @@ def _coordinates(cloud: PointCloud, flavour: PcdFlavour) -> tuple[dict[str, NDAr
         return split(cloud.points, names), []
     if not isinstance(cloud.flavour, PcdFlavour) and cloud.points.dtype == np.float64:
         return for_most_readers(cloud.points, names)
+    if (
+        flavour.fields
+        and cloud.points.dtype == np.float64
+        and all(kind == "f4" for name, kind, _ in flavour.fields if name in names)
+    ):
+        return split(cloud.points, names), []  # its float32 was too coarse
     return {name: cloud.points[:, axis] for axis, name in enumerate(names)}, []
 
 

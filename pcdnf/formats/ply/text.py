@@ -77,6 +77,10 @@ class TextBody:
         """Pass over the rows of an element, whatever they hold; the text they are."""
         return b"".join(text for text, _ in self._take(element))
 
+    def rewind(self) -> None:
+        """Put the file back to the first byte that no row was read from."""
+        self._file.seek(-(len(self._block) - self._position + len(self._rest)), 1)
+
     def remaining(self) -> bool:
         """Whether anything but blanks is left."""
         return self._row < len(self._ends) or self._fill()

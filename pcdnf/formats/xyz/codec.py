@@ -4,26 +4,34 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..attributes import numbers
+from ..attributes import numbers, renamed
 from ..colours import BYTE, colours_of
 from ..errors import FormatError, shown
 from ..flavours import TextFormat, XyzFlavour
 from ..limits import Limits, check_count, check_enough
 from ..ply.header import note_lines
 from ..point_cloud import PointCloud, checked
-from ..roles import CHANNELS, find_colours, find_normals, free_normals
+from ..roles import CHANNELS, NORMALS, find_colours, find_normals, free_normals
 from .layout import MAX_COLUMNS, MAX_COMMENT_BYTES, MAX_ROW_BYTES, Layout, read_layout
 from .rows import blocks
 
 _UNNAMED_NORMALS = "If columns 4 to 6 are normals, name them: begin the file with a line `# x y z nx ny nz`."
 _HEAD_BYTES = MAX_COMMENT_BYTES + 2 * MAX_ROW_BYTES
 _ROWS_PER_WRITE = 1 << 16
+_FEWEST_COUNTED = 16
 _BLANKS = (b" ", b"\t", b"\v", b"\f")
+
+_IMPLIED = {
+    (".xyzn", 6): (*"xyz", *NORMALS[0]),
+    (".xyzrgb", 6): (*"xyz", *CHANNELS),
+}
+"""Columns that the ending of a name stands for, as Open3D has it."""
 
 DEFAULTS = {
     "xyz": XyzFlavour("xyz"),
@@ -51,10 +59,12 @@ def read_xyz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
         With the code of what is wrong.
     """
     layout = read_layout(file.read(_HEAD_BYTES))
+    if not layout.names:
+        layout.names = _IMPLIED.get((Path(str(file.name)).suffix.lower(), layout.width), ())
     if layout.count is not None:
         check_count(layout.count, limits)
         check_enough(layout.count, limits)
-        least = layout.size + 2 * layout.count * layout.width - 1
+        least = layout.size + 2 * max(0, layout.count - 1) * layout.width - 1
         if least > size:
             _wrong_count(layout.count, f"a file of at least {least} bytes; the file has {size}", least, size)
     names = _attribute_names(layout)
@@ -67,13 +77,48 @@ def read_xyz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
         check_count(count, limits)
         for column, part in enumerate(parts):
             part.append(block.numbers(column) if column in numeric else block.text(column))
-    if layout.count is not None and layout.count != count:
-        _wrong_count(layout.count, f"as many rows; there are {count}", layout.count, count)
+    warnings = _checked_count(layout, count)
     check_enough(count, limits)
-    columns = {}
-    for name in names:
-        columns[name] = np.concatenate(parts.pop(0))
-    return checked(_cloud(layout, columns), limits)
+    values = [np.concatenate(part) for part in parts]
+    if not layout.names and layout.count is None and layout.width > 3 and _counts_rows(values[0]):
+        names = ["number", *"xyz", *names[4:]]
+        values[3] = _as_numbers(values[3])
+        warnings.append("The first column counts the rows, so the coordinates were read from columns 2 to 4.")
+    cloud = _cloud(layout, dict(zip(names, values, strict=True)))
+    return checked(replace(cloud, warnings=[*cloud.warnings, *warnings]), limits)
+
+
+def _counts_rows(column: NDArray[Any]) -> bool:
+    """Whether a column is 0, 1, 2, … or 1, 2, 3, …"""
+    if len(column) < _FEWEST_COUNTED or column[0] not in (0, 1):
+        return False
+    return bool((np.diff(column) == 1).all())
+
+
+def _as_numbers(column: NDArray[Any]) -> NDArray[np.float64]:
+    values = numbers(column)
+    if values is None:
+        raise FormatError(
+            "The first column counts the rows, and column 4 holds words: there is no z.",
+            code="missing_coordinates",
+            hint="Name the columns: begin the file with a line `# x y z …`.",
+        )
+    return np.asarray(values, np.float64)
+
+
+def _checked_count(layout: Layout, count: int) -> list[str]:
+    """Compare the rows with what the file declares; a sentence where it is one off, or holds several scans."""
+    if layout.count is None:
+        return []
+    declared = layout.count + sum(layout.counts)
+    warnings = []
+    if layout.counts:
+        warnings.append(f"The file holds {len(layout.counts) + 1} scans; the result is one list of their points.")
+    if abs(declared - count) == 1:
+        warnings.append(f"The file declares {declared} points and has {count}; all of them were read.")
+    elif declared != count:
+        _wrong_count(declared, f"as many rows; there are {count}", declared, count)
+    return warnings
 
 
 def _wrong_count(declared: int, what: str, limit: int, actual: int) -> None:
@@ -214,9 +259,12 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
     channels = dict(zip(colours.names, CHANNELS, strict=True)) if colours and colours.is_exact(BYTE) else {}
     if colours and channels:
         columns |= dict(zip(CHANNELS, colours.scaled(BYTE).T, strict=True))
-    if cloud.normals is not None:
+    if cloud.normals is not None and flavour.counted:
+        notes.append("PTS has no place for normals; they are not in it. PLY, LAZ and E57 have one.")
+    elif cloud.normals is not None:
         columns |= {name: _shortest(cloud.normals[:, axis]) for axis, name in enumerate(flavour.normals)}
-    for name, values in cloud.attributes.items():
+    named = cloud.attributes if isinstance(cloud.flavour, XyzFlavour) else renamed(cloud.attributes)
+    for name, values in named.items():
         if name in channels:
             continue
         if values.dtype.kind == "S" and not _fits(values, flavour.separator):
@@ -227,6 +275,11 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
         for index, column in enumerate(table.T):
             columns[known if table.shape[1] == 1 else f"{known}_{index}"] = column
     order = [name for name, _ in flavour.columns if name in columns]
+    if flavour.counted and not flavour.columns:
+        order = [name for name in (*"xyz", "intensity", *CHANNELS) if name in columns]
+        lost = [shown(name) for name in columns if name not in order]
+        notes += [f"PTS holds intensity and colours only; left out were: {', '.join(lost)}."] if lost else []
+        return {name: columns[name] for name in order}, notes
     return {name: columns[name] for name in [*order, *(name for name in columns if name not in order)]}, notes
 
 

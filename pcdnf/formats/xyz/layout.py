@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 
 from ..errors import FormatError, shown
 
-MAX_COLUMNS = 60
+MAX_COLUMNS = 256
 MAX_COMMENT_BYTES = 64 * 1024
 """Of all comment lines together."""
 MAX_LINE_BYTES = 1000
 """Of a comment line."""
 MAX_ROW_BYTES = 64 * 1024
 
-_COMMENT = re.compile(rb"[ \t]*(#|//)[ \t]?(.*)", re.DOTALL)
+_COMMENT = re.compile(rb"[ \t]*(#|//|%)[ \t]?(.*)", re.DOTALL)
 _METADATA = re.compile(r"pcdnf ([a-z0-9_]{1,64}): (.*)")
+COLMAP_NAMES = ("point3d_id", "x", "y", "z", "r", "g", "b", "error")
+"""Columns of COLMAP's ``points3D.txt``; the images that saw a point follow."""
+_COLMAP = "POINT3D_ID"
 _COUNT = re.compile(rb"[0-9]{1,19}")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -42,6 +45,10 @@ class Layout:
         ``#`` or ``//``, as the comments of the file begin.
     size : int
         Bytes before the first row.
+    counts : list of int
+        Those of further scans of a PTS, met between its rows.
+    is_colmap : bool
+        Whether the comments are those of COLMAP's ``points3D.txt``.
     """
 
     separator: bytes = b" "
@@ -55,6 +62,8 @@ class Layout:
     metadata: dict[str, str] = field(default_factory=dict)
     comment_bytes: int = 0
     size: int = 0
+    counts: list[int] = field(default_factory=list)
+    is_colmap: bool = False
 
     def take_comment(self, line: bytes) -> bool:
         """Keep a line if it is a comment; whether it is one."""
@@ -117,6 +126,12 @@ def read_layout(head: bytes) -> Layout:
             layout.count = int(text)
             layout.size = end
             continue
+        if layout.count is not None and first and _COUNT.fullmatch(text):
+            raise FormatError(
+                "The file begins as a PTX does: with columns, rows and a position, not with rows of points.",
+                code="bad_shape",
+                hint="Name it .ptx to have its scans read.",
+            )
         if first and not all(map(_is_number, cells(text, separator_of(text))[:3])):
             layout.names, layout.plain = _names(cells(text, separator_of(text))), True
             layout.separator = separator_of(text)
@@ -156,6 +171,10 @@ def _take_width(layout: Layout, row: bytes) -> None:
             limit=len(layout.names),
             actual=layout.width,
         )
+    if not layout.names and any(_COLMAP in comment for comment in layout.comments):
+        layout.is_colmap = True
+        layout.names = tuple(COLMAP_NAMES[: layout.width])
+        layout.names += tuple(f"track_{number}" for number in range(1, layout.width - len(layout.names) + 1))
     if not layout.names and layout.comments:
         commented = [cell.decode("utf-8", "surrogateescape") for cell in _cells_of(layout)]
         if len(commented) == layout.width and {"x", "y", "z"} <= {name.lower() for name in commented}:

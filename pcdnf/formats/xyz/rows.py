@@ -107,7 +107,7 @@ def _without_comments(data: bytes, layout: Layout) -> bytes:
     if b"\0" in data:
         _not_text("The file holds bytes that are not text", None)
     data = data.replace(b"\r\n", b"\n")
-    if b"#" not in data and b"//" not in data:
+    if b"#" not in data and b"//" not in data and b"%" not in data:
         return data
     return b"\n".join(line for line in data.split(b"\n") if not layout.take_comment(line))
 
@@ -128,12 +128,19 @@ def _cut(data: bytes, layout: Layout, first: int) -> Block | None:
     else:
         marks = np.flatnonzero(octets == layout.separator[0])
         counts = np.bincount(np.searchsorted(newlines, marks), minlength=len(begins))[rows] + 1
+    if layout.count is not None and layout.width > 1 and (counts == 1).any():
+        rows, counts = _without_counts(data, layout, rows, counts, starts, stops, newlines)
+        tokens_kept = np.isin(np.searchsorted(newlines, starts), rows)
+        starts, stops = starts[tokens_kept], stops[tokens_kept]
+        if not rows.size:
+            return None
     wrong = np.flatnonzero(counts != layout.width)
     if wrong.size:
+        colmap = "Export the model of COLMAP as PLY: colmap model_converter --output_type PLY."
         raise FormatError(
             f"Row {first + wrong[0]} has {counts[wrong[0]]} values; the first row has {layout.width}.",
             code="bad_value",
-            hint="Write as many values in every row, separated alike.",
+            hint=colmap if layout.is_colmap else "Write as many values in every row, separated alike.",
             limit=layout.width,
             actual=int(counts[wrong[0]]),
         )
@@ -146,6 +153,29 @@ def _cut(data: bytes, layout: Layout, first: int) -> Block | None:
     if int((high - low).max()) > MAX_TOKEN_BYTES:
         _not_text(f"A value is longer than {MAX_TOKEN_BYTES} characters", MAX_TOKEN_BYTES)
     return Block(octets, low, high, first)
+
+
+def _without_counts(
+    data: bytes,
+    layout: Layout,
+    rows: NDArray[Any],
+    counts: NDArray[Any],
+    starts: NDArray[Any],
+    stops: NDArray[Any],
+    newlines: NDArray[Any],
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows without those that hold one whole number: the count of the next scan of a PTS."""
+    single = counts == 1
+    lines = np.searchsorted(newlines, starts)
+    keep = ~single
+    for place in np.flatnonzero(single).tolist():
+        token = int(np.searchsorted(lines, rows[place]))
+        text = data[starts[token] : stops[token]]
+        if text.isdigit() and len(text) < 19:
+            layout.counts.append(int(text))
+        else:
+            keep[place] = True
+    return rows[keep], counts[keep]
 
 
 def _not_text(what: str, limit: int | None) -> NoReturn:

@@ -255,8 +255,8 @@ def test_dropped_rows_and_many_blocks(put: Put, monkeypatch: pytest.MonkeyPatch)
         ("x y z\n", "too_few_points"),
         ("x y z w\n1 2 3\n", "bad_value"),
         ("x y z Z\n1 2 3 4\n", "duplicate_property"),
-        ("3\n1 2 3\n4 5 6\n", "truncated"),
-        ("1\n1 2 3\n4 5 6\n", "trailing_data"),
+        ("4\n1 2 3\n4 5 6\n", "truncated"),
+        ("1\n1 2 3\n4 5 6\n7 8 9\n", "trailing_data"),
         ("nan 2 3\n4 5 1e400\n", "too_few_points"),
         ("1 2 3\n1 2 3\n", "zero_extent"),
         ("# " + "a" * 1001 + "\n1 2 3\n4 5 6\n", "header_too_long"),
@@ -292,7 +292,7 @@ def test_limits_of_points(refused: Refused, put: Put) -> None:
 
 
 def test_too_many_columns_to_write(tmp_path: Path) -> None:
-    cloud = PointCloud(points=np.eye(3), attributes={"many": np.zeros((3, 60))})
+    cloud = PointCloud(points=np.eye(3), attributes={"many": np.zeros((3, 254))})
     with pytest.raises(FormatError) as caught:
         write(tmp_path / "out", cloud, format="xyz")
     assert caught.value.code == "cannot_store"
