@@ -1,4 +1,4 @@
-"""The README's commands do what it says."""
+"""The README's commands do what it says, and its waiting loop, which other pages repeat, ends however the job ends."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from fastapi import FastAPI, Request
 
 from pcdnf.formats import read
+from service.settings import Settings
+from tests.support.service_process import Served
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+
+
+WITH_LOOPS = ("README.md", "docs/api.md", "docs/tutorial.md")
+LOOP_SECONDS = 60
 
 
 def block(language: str, word: str) -> str:
@@ -50,6 +57,64 @@ def test_curl(url: str, folder: Path) -> None:
     output = run(["bash", "-euo", "pipefail", "-c", commands], folder)
     assert '"status"' in output
     check(folder, "bracket_noisy_denoised.ply")
+
+
+def curl_block(page: str) -> str:
+    """The block of a page that submits, waits and fetches."""
+    found = re.findall(r"^```(?:sh|bash)\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
+    (text,) = [text for text in found if "/denoise" in text and "; do" in text]
+    return str(text)
+
+
+def failing_service() -> FastAPI:
+    """A service whose jobs run for two looks and then fail."""
+    app = FastAPI()
+    app.state.settings = Settings()
+    app.state.looks = 0
+
+    @app.post("/denoise", status_code=202)
+    def denoise() -> dict[str, str]:
+        return {"id": "0" * 32}
+
+    @app.get("/jobs/{job}")
+    def job(job: str, request: Request) -> dict[str, object]:
+        request.app.state.looks += 1
+        status = "running" if request.app.state.looks < 3 else "failed"
+        return {"id": job, "status": status, "problem": {"status": 500, "code": "worker_lost"}}
+
+    @app.get("/jobs/{job}/result", status_code=409)
+    def result(job: str) -> dict[str, str]:
+        return {"id": job, "code": "job_failed"}
+
+    return app
+
+
+def wait_in_vain(page: str, address: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a page's block as a reader pastes it, without ``set -e``."""
+    text = curl_block(page).replace("http://127.0.0.1:8000", address.rstrip("/"))
+    return subprocess.run(["bash", "-c", text], cwd=folder, capture_output=True, text=True, timeout=LOOP_SECONDS)
+
+
+@pytest.mark.parametrize("page", WITH_LOOPS)
+def test_the_loop_ends_when_the_job_fails(page: str, folder: Path) -> None:
+    (folder / "scan.ply").write_text("a scan")
+    app = failing_service()
+    with Served(app) as client:
+        done = wait_in_vain(page, str(client.base_url), folder)
+    assert app.state.looks >= 3
+    assert done.returncode != 0
+    assert "409" in done.stderr
+    assert not list(folder.glob("*_denoised.ply"))
+
+
+@pytest.mark.parametrize("page", WITH_LOOPS)
+def test_the_loop_ends_when_the_file_is_refused(page: str, service: Service, tmp_path: Path) -> None:
+    (tmp_path / "examples").mkdir()
+    for name in ("scan.ply", "examples/bracket_noisy.ply", "examples/scan_boxes.ply"):
+        (tmp_path / name).write_text("not a cloud")
+    done = wait_in_vain(page, str(service.client.base_url), tmp_path)
+    assert done.returncode != 0
+    assert not list(tmp_path.glob("*_denoised.ply"))
 
 
 def test_command_line(folder: Path) -> None:
