@@ -6,12 +6,15 @@ import sys
 import tomllib
 from pathlib import Path
 
+EXTRAS = ("denoise", "service", "las")
+
 
 def service_requirements(pyproject: Path) -> list[str]:
-    """Return the dependencies of ``pcdnf[service,las]`` in the order ``pyproject.toml`` lists them."""
+    """Return the dependencies of ``pcdnf[denoise,service,las]`` in the order ``pyproject.toml`` lists them."""
     project = tomllib.loads(pyproject.read_text())["project"]
     extras = project["optional-dependencies"]
-    return [*project["dependencies"], *extras["service"], *extras["las"]]
+    lines = [*project["dependencies"], *(line for extra in EXTRAS for line in extras[extra])]
+    return [line for line in lines if not line.startswith(f"{project['name']}[")]
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 >>> from pcdnf import Denoiser
 >>> result = Denoiser.load("pcdnf-lite").denoise(points)   # points (N, 3)
 
-Names are imported on first use, so that ``pcdnf.formats`` costs no torch.
+Names are imported on first use, so that ``pcdnf.formats`` costs no torch. ``Denoiser`` needs the extra ``denoise``.
 """
 
 from __future__ import annotations
@@ -30,5 +30,10 @@ __all__ = ["DenoiseResult", "Denoiser", "PointCloud", "Stopped", "__version__"]
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+        try:
+            return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+        except ModuleNotFoundError as error:
+            from .errors import missing_extra
+
+            raise missing_extra(error) from error
     raise AttributeError(f"module 'pcdnf' has no attribute {name!r}")

@@ -47,3 +47,39 @@ class MissingExtraError(PcdnfError, ImportError):
 
 MissingExtra = MissingExtraError
 """The older name."""
+
+EXTRA_OF = {
+    "numba": "denoise",
+    "PIL": "denoise",
+    "safetensors": "denoise",
+    "scipy": "denoise",
+    "torch": "denoise",
+    "tqdm": "denoise",
+    "manifold3d": "train",
+    "skimage": "train",
+    "trimesh": "train",
+    "matplotlib": "benchmark",
+    "dbos": "service",
+    "fastapi": "service",
+    "pydantic_settings": "service",
+}
+"""Libraries that a base install lacks, and the extra that brings each."""
+
+
+def missing_extra(error: ModuleNotFoundError) -> ImportError:
+    """The error to raise for a module that was not found.
+
+    Parameters
+    ----------
+    error : ModuleNotFoundError
+        As the import raised it.
+
+    Returns
+    -------
+    ImportError
+        A :class:`MissingExtraError` if the module belongs to an extra of this package, else ``error`` itself.
+    """
+    library = (error.name or "").partition(".")[0]
+    if library not in EXTRA_OF:
+        return error
+    return MissingExtraError(f"This needs {library}, which is not installed.", extra=EXTRA_OF[library])

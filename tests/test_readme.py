@@ -54,8 +54,7 @@ def check(folder: Path, name: str) -> None:
 def test_curl(url: str, folder: Path) -> None:
     commands = block("bash", "curl").replace("http://127.0.0.1:8000", url)
     assert url in commands
-    output = run(["bash", "-euo", "pipefail", "-c", commands], folder)
-    assert '"status"' in output
+    run(["bash", "-euo", "pipefail", "-c", commands], folder)
     check(folder, "bracket_noisy_denoised.ply")
 
 
@@ -108,11 +107,11 @@ def test_the_loop_ends_when_the_job_fails(page: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("page", WITH_LOOPS)
-def test_the_loop_ends_when_the_file_is_refused(page: str, service: Service, tmp_path: Path) -> None:
+def test_the_loop_ends_when_the_file_is_refused(page: str, url: str, tmp_path: Path) -> None:
     (tmp_path / "examples").mkdir()
     for name in ("scan.ply", "examples/bracket_noisy.ply", "examples/scan_boxes.ply"):
         (tmp_path / name).write_text("not a cloud")
-    done = wait_in_vain(page, str(service.client.base_url), tmp_path)
+    done = wait_in_vain(page, url, tmp_path)
     assert done.returncode != 0
     assert not list(tmp_path.glob("*_denoised.ply"))
 
@@ -121,12 +120,48 @@ def test_command_line(folder: Path) -> None:
     output = run(["bash", "-euo", "pipefail", "-c", block("bash", "pcdnf denoise")], folder)
     check(folder, "clean.ply")
     assert (folder / "clean.png").stat().st_size > 50_000
-    assert "P2S" in output or "point" in output
+    assert "points" in output
 
 
 def test_python(folder: Path) -> None:
     run([sys.executable, "-c", block("python", "Denoiser")], folder)
     check(folder, "clean.ply")
+
+
+def rows(page: str, first: int) -> dict[str, list[str]]:
+    """The cells of each table row of a page, by the text of the cells before ``first``."""
+    found = {}
+    for line in (ROOT / page).read_text().splitlines():
+        cells = [cell.strip().replace("*", "") for cell in line.strip("|").split("|")]
+        if line.startswith("|") and len(cells) > first:
+            found[" ".join(cells[:first]).strip()] = cells[first:]
+    return found
+
+
+def test_the_table_holds_the_means_of_the_benchmark() -> None:
+    levels = ["0.25", "0.5", "1", "1.5", "2.5"]
+    text = (ROOT / "docs/benchmark.md").read_text()
+    table = text[text.index("## Results") : text.index("## Both networks")]
+    figures = {
+        kind: [
+            [float(cell.split("/")[part]) for cell in line.replace("*", "").strip("|").split("|")[2:]]
+            for line in table.splitlines()
+            if line.startswith("|") and line.split("|")[2].strip() == kind
+        ]
+        for kind, part in {"best peer": 1, "ours": 1, "normals, PCA, best k": 0, "normals, ours": 0}.items()
+    }
+    assert {len(clouds) for clouds in figures.values()} == {5}
+    shown = {level: cells for level, cells in rows("README.md", 1).items() if level in levels}
+    assert set(shown) == {"0.5", "1", "2.5"}
+    for level, cells in shown.items():
+        column = levels.index(level)
+        for cell, kind in zip(cells[2:], figures, strict=True):
+            mean = sum(cloud[column] for cloud in figures[kind]) / 5
+            assert float(cell) == pytest.approx(mean, abs=0.06 if kind.startswith("normals") else 0.006), (level, kind)
+    means = rows("docs/benchmark.md", 2)["mean CD: best peer, ours"]
+    assert {level: ", ".join(cells[:2]) for level, cells in shown.items()} == {
+        level: means[levels.index(level)] for level in shown
+    }
 
 
 def test_every_link_leads_somewhere() -> None:
