@@ -67,7 +67,7 @@ EXTRA_OF = {
 
 
 def missing_extra(error: ModuleNotFoundError) -> ImportError:
-    """The error to raise for a module that was not found.
+    """Return the error to raise for a module that was not found.
 
     Parameters
     ----------

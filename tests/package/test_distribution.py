@@ -104,7 +104,12 @@ def run(environment: Path, folder: Path, *words: object) -> subprocess.Completed
     """Run a program of the clean environment, away from the repository."""
     program, *arguments = map(str, words)
     return subprocess.run(
-        [environment / "bin" / program, *arguments], cwd=folder, env=without_python_settings(), capture_output=True, text=True, timeout=280
+        [environment / "bin" / program, *arguments],
+        cwd=folder,
+        env=without_python_settings(),
+        capture_output=True,
+        text=True,
+        timeout=280,
     )
 
 
