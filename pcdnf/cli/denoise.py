@@ -102,7 +102,7 @@ def _classes(text: str) -> tuple[int, ...]:
 
 
 def _without_classes(cloud: PointCloud, classes: tuple[int, ...]) -> PointCloud:
-    """The cloud with the points of some classes put aside."""
+    """Return the cloud with the points of some classes put aside."""
     if not classes:
         return cloud
     from ..formats.attributes import ignored

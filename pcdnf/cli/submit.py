@@ -12,6 +12,8 @@ from urllib.parse import urlsplit
 from ..errors import PcdnfError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..client import Client, Job
     from .batch import Batch, Item
     from .progress import Display
@@ -64,11 +66,12 @@ def add_jobs(subparsers: Subparsers) -> None:
     """Add the command ``jobs``."""
     parser = subparsers.add_parser(
         "jobs",
-        help="list or cancel your jobs on a service",
-        description="List your jobs on a service, newest first, or cancel some.",
-        epilog="Exit status: 0 done; 1 some could not be cancelled; 2 refused; 130 interrupted.",
+        help="list, cancel or remove your jobs on a service",
+        description="List your jobs on a service, newest first, or cancel or remove some.",
+        epilog="Exit status: 0 done; 1 some could not be cancelled or removed; 2 refused; 130 interrupted.",
     )
-    parser.add_argument("--cancel", action="append", default=[], metavar="ID", help="cancel a job, or remove its files")
+    parser.add_argument("--cancel", action="append", default=[], metavar="ID", help="cancel a job; a result stays")
+    parser.add_argument("--remove", action="append", default=[], metavar="ID", help="remove a job with its files")
     parser.add_argument("--limit", type=_count, default=SHOWN_JOBS, metavar="N", help="most jobs listed (%(default)s)")
     _add_service(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object a job")
@@ -189,7 +192,7 @@ def _interrupted(batch: Batch, options: argparse.Namespace) -> None:
     if _wants_cancel(ids):
         for item, job_id in zip(items, ids, strict=True):
             try:
-                item.job = batch.client.cancel(job_id) or item.job
+                item.job = batch.client.cancel(job_id)
                 print(f"pcdnf: {item.name}: cancelled.", file=sys.stderr)
             except PcdnfError as error:
                 item.error = error
@@ -223,16 +226,19 @@ def _jobs(options: argparse.Namespace) -> int:
     display = Quiet()
     failed = False
     with _connect(options, display) as client:
-        for job_id in options.cancel:
+        asked: list[tuple[Callable[[str], Job | None], str]]
+        asked = [(client.cancel, job_id) for job_id in options.cancel]
+        asked += [(client.remove, job_id) for job_id in options.remove]
+        for request, job_id in asked:
             try:
-                job = client.cancel(job_id)
+                job = request(job_id)
             except PcdnfError as error:
                 failed = True
                 display.note(f"{job_id}: {error}{f' {error.hint}' if error.hint else ''}")
                 continue
             state = "removed" if job is None else job.status
             print(json.dumps({"id": job_id, "status": state}) if options.json else f"{job_id}  {state}")
-        if not options.cancel:
+        if not asked:
             for job in client.jobs(options.limit):
                 print(job.model_dump_json() if options.json else _row(job), flush=True)
     return FAILED if failed else 0

@@ -244,13 +244,28 @@ class Client:
             most = None if most is None else most - limit
             before = {"before": page[-1].id}
 
-    def cancel(self, job_id: str) -> Job | None:
-        """Cancel a live job, or remove a finished one.
+    def cancel(self, job_id: str) -> Job:
+        """Cancel a live job. A result is never removed.
+
+        Returns
+        -------
+        Job
+            ``cancelling`` while its worker stops, else ``cancelled``.
+
+        Raises
+        ------
+        ProblemError
+            ``already_finished`` if the job succeeded or failed before.
+        """
+        return Job.model_validate_json(self._session.send("POST", f"{_path(job_id)}/cancel").content)
+
+    def remove(self, job_id: str) -> Job | None:
+        """Remove a finished job with its files, or cancel a live one and remove its upload.
 
         Returns
         -------
         Job or None
-            The job, ``cancelling`` while its worker stops; None where it was removed.
+            A job that was live, ``cancelling`` while its worker stops; None if the job is gone.
         """
         response = self._session.send("DELETE", _path(job_id))
         return Job.model_validate_json(response.content) if response.content else None

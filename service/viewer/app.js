@@ -170,9 +170,10 @@ async function cancel() {
   if (!id || !links) return home(); // still uploading: leaving ends it
   $("cancel").disabled = true;
   try {
-    await request(`jobs/${id}`, { method: "DELETE" });
+    await request(`jobs/${id}/cancel`, { method: "POST" });
   } catch (error) {
-    if (error.status !== 404) fail(error);
+    // A job that has just finished shows its result, which cancelling never removes.
+    if (error.status !== 404 && error.code !== "already_finished") fail(error);
   }
 }
 

@@ -157,9 +157,11 @@ def test_detached_jobs_are_listed_resumed_and_removed(
     assert run("jobs", "--url", url, "--limit", 1, "--json") == 0
     shown = json.loads(capsys.readouterr().out)
     assert (shown["id"], shown["status"]) == (job_id, "succeeded")
-    assert run("jobs", "--url", url, "--cancel", job_id) == 0
-    assert capsys.readouterr().out == f"{job_id}  removed\n"
     assert run("jobs", "--url", url, "--cancel", job_id) == 1
+    assert "cannot be cancelled any more" in capsys.readouterr().err, "its result stays"
+    assert run("jobs", "--url", url, "--remove", job_id) == 0
+    assert capsys.readouterr().out == f"{job_id}  removed\n"
+    assert run("jobs", "--url", url, "--remove", job_id) == 1
     assert "no such job" in capsys.readouterr().err
     assert run("submit", "--resume", job_id, "--out-folder", tmp_path, "--url", url) == 1
 

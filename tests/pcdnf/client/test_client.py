@@ -200,14 +200,23 @@ def test_cancelling(url: str, tmp_path: Path) -> None:
             client.wait(job.id, timeout=0)
         with pytest.raises(JobError, match=r"is (queued|running)"):
             client.succeeded(job)
-        cancelled = client.cancel(job.id)
-        if cancelled is not None:
-            assert cancelled.status in ("cancelling", "cancelled")
-            ended = client.wait(job.id)
-            assert ended.status == "cancelled"
-            with pytest.raises(JobError, match="was cancelled") as raised:
-                client.succeeded(ended)
-            assert raised.value.job_id == job.id
+        assert client.cancel(job.id).status in ("cancelling", "cancelled")
+        ended = client.wait(job.id)
+        assert ended.status == "cancelled"
+        with pytest.raises(JobError, match="was cancelled") as raised:
+            client.succeeded(ended)
+        assert raised.value.job_id == job.id
+        assert client.remove(job.id) is None
+
+
+def test_a_result_cannot_be_cancelled(url: str, cloud: Path) -> None:
+    with Client(url) as client:
+        job = client.wait(client.submit(cloud, {"iterations": 1}).id)
+        with pytest.raises(ProblemError, match="cannot be cancelled any more") as raised:
+            client.cancel(job.id)
+        assert raised.value.code == "already_finished"
+        assert client.job(job.id).status == "succeeded"
+        assert client.remove(job.id) is None
 
 
 def test_jobs_come_page_by_page(url: str, cloud: Path, monkeypatch: pytest.MonkeyPatch) -> None:
