@@ -42,7 +42,7 @@ class Format:
 
 FORMATS = {
     "ply": Format("PLY", "application/ply", (".ply",), (b"ply\n", b"ply\r")),
-    "npz": Format("NPZ", "application/x-npz", (".npz",), (b"PK\x03\x04",)),
+    "npz": Format("NPZ", "application/x-npz", (".npz",), (b"PK\x03\x04", b"\x93NUMPY")),
     "pcd": Format("PCD", "application/x-pcd", (".pcd",), (b"# .PCD", b"VERSION ")),
     "xyz": Format("XYZ", "text/plain", (".xyz", ".txt", ".asc", ".xyzn", ".xyzrgb")),
     "csv": Format("CSV", "text/csv", (".csv",)),

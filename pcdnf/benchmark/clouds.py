@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ..errors import PcdnfError
-from ..formats.files import read_any
+from ..formats.files import read
 from .noise import add_noise
 
 Floats = NDArray[np.float64]
@@ -102,13 +102,13 @@ def _noise_of(file: Path) -> re.Match[str] | None:
 
 
 def _read(file: Path) -> CleanCloud:
-    cloud = read_any(file)
+    cloud = read(file)
     points = cloud.points.astype(np.float64)
     given: dict[float, Floats] = {}
     for other in sorted(file.parent.glob(f"{file.stem}_noise*")):
         found = _noise_of(other)
         if found and found["name"] == file.stem and other.suffix.lower() in SUFFIXES:
-            noisy = read_any(other).points.astype(np.float64)
+            noisy = read(other).points.astype(np.float64)
             if noisy.shape != points.shape:
                 raise PcdnfError(
                     f"{other.name} has {len(noisy)} points and {file.name} {len(points)}.",

@@ -29,10 +29,10 @@ def add_evaluate(subparsers: Subparsers) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    from ..formats.files import read_any
+    from ..formats.files import read
     from ..metrics import score
 
-    prediction, clean = read_any(options.prediction), read_any(options.clean)
+    prediction, clean = read(options.prediction), read(options.clean)
     scores = score(prediction.points, prediction.normals, clean.points, clean.normals)
     if options.json:
         print(json.dumps(asdict(scores)))

@@ -56,12 +56,12 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from ..formats.files import read_any
+    from ..formats.files import read
     from ..render.figure import draw
 
     check_writable(options.output)
-    clouds = [read_any(path) for path in (options.before, options.after) if path is not None]
-    clean = None if options.clean is None else read_any(options.clean)
+    clouds = [read(path) for path in (options.before, options.after) if path is not None]
+    clean = None if options.clean is None else read(options.clean)
     draw(
         options.output,
         clouds,

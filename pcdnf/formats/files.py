@@ -14,7 +14,6 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..errors import PcdnfError
 from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
 from .attributes import renamed
 from .codec import Codec, FileCodec
@@ -29,7 +28,7 @@ from .limits import Limits
 from .npz.codec import read_npz, write_npz
 from .pcd.codec import read_pcd, write_pcd
 from .ply.codec import read_ply, write_ply
-from .point_cloud import PointCloud, checked
+from .point_cloud import PointCloud
 from .ptx.codec import read_ptx, write_ptx
 from .readback import check_written
 from .xyz.codec import read_xyz, write_xyz
@@ -66,6 +65,18 @@ COPC = FileCodec(
 COPC_ENDING = ".copc.laz"
 _OWN_TYPES = ("las", "laz", "e57")
 
+OTHERS = {
+    b"glTF": "a binary glTF (GLB)",
+    b"solid ": "an STL mesh",
+    b"OFF": "an OFF mesh",
+    b"COFF": "an OFF mesh",
+    b"NOFF": "an OFF mesh",
+    b"\x1f\x8b": "compressed by gzip, such as SPZ splats",
+    b"AC10": "a DWG drawing",
+    b"ncp": "a Leica or Bentley point cloud",
+}
+"""First bytes of files that people have and that are not read."""
+
 _MAGIC_BYTES = 8
 _MAGIC_LINES_BYTES = 2048
 
@@ -86,6 +97,13 @@ def sniff(head: bytes, *, text: bool = False) -> str:
         raise FormatError("The file is empty.", code="empty_file", hint=f"Send {titles()}.")
     if text:
         return "xyz"
+    for magic, title in OTHERS.items():
+        if head.startswith(magic):
+            raise FormatError(
+                f"The file is {title}, which is not read.",
+                code="unknown_format",
+                hint="Export its points as PLY or LAZ.",
+            )
     raise FormatError(
         f"The file is not of a known format: its first bytes are none of those of {titles()}.",
         code="unknown_format",
@@ -266,31 +284,3 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-_NPY_MAGIC = b"\x93NUMPY"
-
-
-def read_any(path: Path) -> PointCloud:
-    """A cloud from a file of any format, or from a plain (N, 3) array of floats.
-
-    Raises
-    ------
-    PcdnfError
-        ``bad_shape`` of an array, and what the readers raise.
-    """
-    try:
-        with path.open("rb") as file:
-            is_array = file.read(len(_NPY_MAGIC)) == _NPY_MAGIC
-        points = np.load(path, allow_pickle=False) if is_array else None
-    except OSError:
-        return read(path)
-    except ValueError:
-        points = np.empty(0)
-    if points is None:
-        return read(path)
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise PcdnfError(
-            f"{path} does not hold an (N, 3) array of floats.", code="bad_shape", hint="Save x, y, z, one row a point."
-        )
-    return checked(PointCloud(points=points.astype(np.float64)), Limits())

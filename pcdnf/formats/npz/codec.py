@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -10,14 +11,16 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, shown
 from ..flavours import NpzFlavour
-from ..limits import Limits, check_count, check_enough
+from ..limits import FLOATS, Limits, check_count, check_enough
 from ..ply.columns import POINT_MEMBERS
 from ..point_cloud import PointCloud, checked
+from ..roles import complete_sets, find_normals
 from .archive import NOTE_PREFIX, read_directory
 from .inflate import Member, MemberStream
 from .members import npz_members
-from .npy import read_array, read_array_header, read_text, shape_text
+from .npy import MAX_FIELDS, read_array, read_array_header, read_text, shape_text
 
+NPY_MAGIC = b"\x93NUMPY"
 _SAVED_AT = (1980, 1, 1, 0, 0, 0)
 """Same cloud, same bytes: no clock in the file."""
 _LARGEST_PLAIN_MEMBER = 2**31 - 65536
@@ -42,7 +45,14 @@ def read_npz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
     FormatError
         With the code of what is wrong.
     """
+    if file.read(len(NPY_MAGIC)) == NPY_MAGIC:
+        return read_npy(file, size, limits)
+    file.seek(0)
     members = {member.name: member for member in read_directory(file, size, limits)}
+    if len(members) == 1 and members.keys().isdisjoint(POINT_MEMBERS):
+        table = _table(file, next(iter(members.values())), limits)
+        if table is not None:
+            return table
     points_name = _points_name(members)
     warnings = [
         f"The coordinates are taken from {points_name}; {name} stays what it is."
@@ -77,6 +87,71 @@ def read_npz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
         ),
         warnings=warnings,
     )
+    return checked(cloud, limits)
+
+
+def read_npy(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
+    """Read a bare array: (N, 3) coordinates and further columns, or rows with fields named x, y, z.
+
+    Raises
+    ------
+    FormatError
+        With the code of what is wrong.
+    """
+    if size > limits.max_bytes:
+        raise FormatError(
+            f"The array has {size} bytes; the limit is {limits.max_bytes}.", code="file_too_large", hint="Thin it out."
+        )
+    file.seek(0)
+    checksum = 0
+    while piece := file.read(1 << 20):
+        checksum = zlib.crc32(piece, checksum)
+    member = Member("points", False, checksum, size, size, 0)
+    table = _table(file, member, limits)
+    if table is not None:
+        return table
+    stream = MemberStream(file, member)
+    header = read_array_header(stream, member)
+    if len(header.shape) != 2 or header.shape[1] < 3 or header.shape[1] > MAX_FIELDS:
+        raise FormatError(
+            f"The array has the shape {shape_text(header.shape)}; coordinates have (N, 3).",
+            code="bad_shape",
+            hint=_shape_hint(header.shape),
+        )
+    check_count(header.shape[0], limits)
+    check_enough(header.shape[0], limits)
+    warnings = ["The file holds a bare array; the result is an NPZ."]
+    values = _floats(read_array(stream, header), "coordinates", np.dtype(np.float64), warnings)
+    if values.shape[1] > 3:
+        warnings.append("The array names no columns; the first three were read as x, y, z.")
+    others = {f"column_{number}": values[:, number - 1].copy() for number in range(4, values.shape[1] + 1)}
+    cloud = PointCloud(
+        points=np.ascontiguousarray(values[:, :3]), attributes=others, flavour=NpzFlavour(), warnings=warnings
+    )
+    return checked(cloud, limits)
+
+
+def _table(file: BinaryIO, member: Member, limits: Limits) -> PointCloud | None:
+    """The cloud of a structured array with fields x, y, z; None for other arrays."""
+    stream = MemberStream(file, member)
+    header = read_array_header(stream, member)
+    names = header.dtype.names
+    axes = next(iter(complete_sets(names or (), (("x", "y", "z"),))), None)
+    if names is None or axes is None or any(header.dtype[axis].shape for axis in axes):
+        return None
+    check_count(header.shape[0], limits)
+    check_enough(header.shape[0], limits)
+    rows = read_array(stream, header)
+    columns = {name: np.ascontiguousarray(rows[name], rows[name].dtype.newbyteorder("=")) for name in names}
+    warnings = ["The file holds one array with named fields; the result has an array a field."]
+    points = _floats(
+        np.stack([columns.pop(axis) for axis in axes], axis=1), "coordinates", np.dtype(np.float64), warnings
+    )
+    found = find_normals(name for name in columns if columns[name].ndim == 1 and columns[name].dtype.kind == "f")
+    normals = None if found is None else np.stack([columns.pop(name) for name in found], axis=1)
+    if normals is not None and normals.dtype not in FLOATS:
+        normals = normals.astype(np.float32)
+    cloud = PointCloud(points=points, normals=normals, attributes=columns, flavour=NpzFlavour(), warnings=warnings)
     return checked(cloud, limits)
 
 

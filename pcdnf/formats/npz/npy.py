@@ -22,6 +22,11 @@ MAX_TEXT_BYTES = 512 * 1024
 """Of a text scalar."""
 
 _NUMBER = re.compile(r"[<>=|]?(?:f[248]|[iu][1248])")
+_FIELD = re.compile(
+    r"\s*\(\s*(['\"])(?P<name>[^'\"\\]{1,64})\1\s*,\s*'(?P<descr>[<>=|]?(?:f[248]|[iu][1248]|b1))'\s*"
+    r"(?:,\s*\((?P<shape>[0-9]{1,4}),?\)\s*)?\)\s*(?:,\s*|$)"
+)
+MAX_FIELDS = 256
 _TEXT = re.compile(r"[<>=|]?[US][0-9]{1,6}")
 _ITEM = re.compile(
     r"\s*(['\"])(?P<key>descr|fortran_order|shape)\1\s*:\s*"
@@ -66,7 +71,8 @@ def read_array_header(stream: MemberStream, member: Member, *, text: bool = Fals
     declared, header_size = _declared(stream, member)
     descr, shape = declared["text"], declared["shape"]
     is_text = text and _TEXT.fullmatch(descr) is not None and shape == ()
-    if not is_text and not _NUMBER.fullmatch(descr):
+    fields = parsed_fields(descr) if len(shape) == 1 else None
+    if not is_text and fields is None and not _NUMBER.fullmatch(descr):
         kind = "of Python objects (a pickle)" if "O" in descr else f"of type {shown(descr)}"
         raise FormatError(
             f"Member {shown(member.name)} is an array {kind}; only real numbers are read: "
@@ -82,7 +88,7 @@ def read_array_header(stream: MemberStream, member: Member, *, text: bool = Fals
             limit=MAX_TEXT_BYTES,
             actual=member.size,
         )
-    dtype = np.dtype(descr)
+    dtype = np.dtype(descr if fields is None else fields)
     header = ArrayHeader(dtype, declared["fortran"], shape, prod(shape) * dtype.itemsize)
     present = member.size - header_size
     if header.body != present:
@@ -145,6 +151,24 @@ def _items(body: str) -> dict[str, dict[str, str | None]] | None:
         items[match["key"]] = match.groupdict()
         position = match.end()
     return items if len(items) == 3 else None
+
+
+def parsed_fields(descr: str) -> list[tuple[str, str] | tuple[str, str, tuple[int]]] | None:
+    """The fields of a structured array, (name, type) or (name, type, (count,)) each; None for anything else."""
+    body = descr.strip()
+    if not (body.startswith("[") and body.endswith("]")):
+        return None
+    body = body[1:-1]
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    position = 0
+    while position < len(body):
+        match = _FIELD.match(body, position)
+        if match is None or len(fields) == MAX_FIELDS or any(match["name"] == field[0] for field in fields):
+            return None
+        kind = match["descr"].replace("b1", "u1")
+        fields.append((match["name"], kind, (int(match["shape"]),)) if match["shape"] else (match["name"], kind))
+        position = match.end()
+    return fields or None
 
 
 def _bad_header(member: Member) -> FormatError:
