@@ -118,7 +118,7 @@ def check(words: list[str]) -> None:
     """That a command and what it names exist."""
     program, *rest = words
     if program == "pcdnf":
-        build_parser().parse_args(rest)
+        build_parser(command=rest[0]).parse_args(rest)
     elif program.startswith("scripts/"):
         assert os.access(ROOT / program, os.X_OK), program
     elif program == "export":
