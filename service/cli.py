@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -60,24 +60,20 @@ def add_doctor(subparsers: Subparsers) -> None:
     parser.set_defaults(run=doctor)
 
 
-def serve(arguments: argparse.Namespace) -> int:
-    """Run the service; return the exit status."""
+def serve(arguments: argparse.Namespace) -> NoReturn:
+    """Run the service until SIGTERM or Ctrl-C."""
     _take_options(arguments)
-    from .api.listener import bind
-    from .operations.supervisor import supervise
+    from .operations.serve import serve
     from .settings import SettingsError
-    from .startup import load_settings, make_data_dir, refuse
-    from .telemetry import logs
+    from .startup import configure_logs, load_settings, make_data_dir, refuse
 
     settings = load_settings()
     make_data_dir(settings)
-    logs.configure(settings)
+    configure_logs(settings)
     try:
-        settings.check_exposure()
-        listener = bind(settings)
+        serve(settings)
     except SettingsError as error:
         refuse(str(error))
-    return supervise(settings, listener)
 
 
 def drain(arguments: argparse.Namespace) -> int:

@@ -1,41 +1,29 @@
-"""What every process of the service does at its start: log, die with its supervisor, refuse with a sentence."""
+"""The start of every process of the service: read the settings, begin to log, refuse with a sentence."""
 
 from __future__ import annotations
 
-import ctypes
-import os
-import signal
 import sys
 from typing import NoReturn
 
 from pydantic import ValidationError
 
 from .settings import Settings
+from .supervision import EX_CONFIG
 from .telemetry import logs, tracing
 
-EX_CONFIG = 78  # sysexits.h: the supervisor gives up instead of starting such a process again
-SUPERVISOR_VARIABLE = "PCDNF_SUPERVISOR_PID"
-_PR_SET_PDEATHSIG = 1
+
+def configure_logs(settings: Settings) -> None:
+    """Begin to log as `settings` ask."""
+    logs.configure(settings.log_level, settings.log_format)
 
 
 def observe(settings: Settings, service: str) -> None:
     """Begin to log and, where the environment asks for it, to trace under the name `service`."""
-    logs.configure(settings)
+    configure_logs(settings)
     try:
         tracing.configure(service)
     except tracing.TracesMissing as error:
         refuse(str(error))
-
-
-def die_with_supervisor() -> None:
-    """Ask for SIGTERM when the supervisor dies, however it dies (Linux)."""
-    supervisor = os.environ.get(SUPERVISOR_VARIABLE)
-    if supervisor is None:
-        return
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != int(supervisor):
-        sys.exit(0)
 
 
 def load_settings() -> Settings:

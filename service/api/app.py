@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
@@ -14,10 +15,11 @@ import pcdnf
 
 from ..database.engine import create_engine
 from ..database.migrations import migrate
-from ..jobs.retention import Retention, keep_clear
+from ..jobs.retention import SCRATCH_SECONDS, Retention
 from ..jobs.store import Jobs
 from ..jobs.worker_registry import Workers
 from ..settings import Settings
+from ..storage.base import Storage
 from ..storage.open import open_storage
 from . import error_handlers, openapi
 from .auth import Keys
@@ -35,7 +37,10 @@ from .sandbox import Children
 from .shutdown import Stop
 from .watch import Watch
 
+log = logging.getLogger(__name__)
+
 STORAGE_SECONDS = 15.0  # that a caller waits for a storage that does not answer
+CLEAR_SECONDS = 3600.0
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -98,3 +103,13 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         clearing.cancel()
         app.state.jobs.close()
         engine.dispose()
+
+
+async def keep_clear(storage: Storage) -> None:
+    """Remove now and every hour the files that a writer on this machine left half written, until cancelled."""
+    while True:
+        try:
+            await run_in_threadpool(storage.clear_scratch, SCRATCH_SECONDS)
+        except OSError:
+            log.exception("half-written files could not be removed; trying again")
+        await asyncio.sleep(CLEAR_SECONDS)

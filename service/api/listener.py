@@ -7,9 +7,6 @@ from contextlib import ExitStack
 
 from ..settings import Settings, SettingsError
 
-SOCKET_VARIABLE = "PCDNF_SOCKET_FD"
-
-
 BACKLOG = 2048
 
 

@@ -13,12 +13,13 @@ import uvicorn
 from fastapi import FastAPI
 
 from ..settings import Settings, SettingsError
-from ..startup import SUPERVISOR_VARIABLE, die_with_supervisor, load_settings, make_data_dir, observe, refuse
+from ..startup import load_settings, make_data_dir, observe, refuse
 from ..storage.open import open_storage
+from ..supervision import SOCKET_VARIABLE, end_with_supervisor, is_supervised
 from ..telemetry import tracing
 from .app import STORAGE_SECONDS, create_app
 from .http_protocol import Protocol
-from .listener import SOCKET_VARIABLE, bind
+from .listener import bind
 
 KEEP_ALIVE_SECONDS = 15
 
@@ -51,7 +52,7 @@ class Server(uvicorn.Server):
 
     @property
     def _held(self) -> bool:
-        return self._signals < 2 and os.environ.get(SUPERVISOR_VARIABLE) == str(os.getppid())
+        return self._signals < 2 and is_supervised()
 
 
 def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -73,7 +74,7 @@ def main() -> None:
     settings = load_settings()
     make_data_dir(settings)
     observe(settings, "pcdnf-api")
-    die_with_supervisor()
+    end_with_supervisor()
     try:
         app = create_app(settings)
         open_storage(settings, patience=STORAGE_SECONDS)  # or its fault would be told with a trace

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-import logging
 from collections import defaultdict, deque
 from typing import Any
 
 import sqlalchemy as sa
-from starlette.concurrency import run_in_threadpool
 
 from ..database.tables import idempotency, now_ms
 from ..database.tables import jobs as table
@@ -17,13 +14,10 @@ from ..settings import Settings
 from ..storage.base import Storage
 from .store import Jobs
 
-log = logging.getLogger(__name__)
-
 EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
 LEASE_KEPT_MS = 3600 * 1000  # after it ran out, of an idempotency key whose API died before it had a job
 ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted, or a late worker's
 SCRATCH_SECONDS = 24 * 3600.0  # after which what a writer left half written is nobody's any more
-CLEAR_SECONDS = 3600.0
 
 
 class Retention:
@@ -125,13 +119,3 @@ class Retention:
         self._jobs.forget(job_id)
         with self._engine.begin() as connection:
             connection.execute(row.values(purged_at=now))
-
-
-async def keep_clear(storage: Storage) -> None:
-    """Remove now and every hour what a writer on this machine left half written, until cancelled."""
-    while True:
-        try:
-            await run_in_threadpool(storage.clear_scratch, SCRATCH_SECONDS)
-        except OSError:
-            log.exception("what was left half written could not be removed; trying again")
-        await asyncio.sleep(CLEAR_SECONDS)

@@ -18,8 +18,6 @@ from typing import Any
 
 from opentelemetry import trace
 
-from ..settings import Settings
-
 TEXT = "%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s"
 ATTRIBUTES = "attributes"  # the key of `extra` for further members of a line of JSON
 
@@ -83,11 +81,19 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(line, ensure_ascii=False, default=str)
 
 
-def configure(settings: Settings) -> None:
-    """Log to standard error, Python's warnings included; of the engine only warnings."""
-    level = settings.log_level.upper()
+def configure(level: str, format_: str) -> None:
+    """Log to standard error, Python's warnings included; of the engine only warnings.
+
+    Parameters
+    ----------
+    level : str
+        Least severe level shown: ``debug``, ``info``, ``warning`` or ``error``.
+    format_ : str
+        ``text`` or ``json``.
+    """
+    level = level.upper()
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonFormatter() if settings.log_format == "json" else TextFormatter())
+    handler.setFormatter(JsonFormatter() if format_ == "json" else TextFormatter())
     logging.basicConfig(level=level, handlers=[handler], force=True)
     logging.captureWarnings(True)
     engine = logging.getLogger("dbos")

@@ -24,9 +24,10 @@ from ..jobs.store import Jobs
 from ..jobs.worker_registry import Workers
 from ..problems import Problem
 from ..settings import Settings, SettingsError
-from ..startup import EX_CONFIG, die_with_supervisor, load_settings, make_data_dir, observe, refuse
+from ..startup import load_settings, make_data_dir, observe, refuse
 from ..storage.base import StorageError
 from ..storage.open import open_storage
+from ..supervision import EX_CONFIG, end_with_supervisor
 from ..telemetry import tracing
 from .heartbeat import Heart
 from .recovery import launch, settle, take_over
@@ -57,7 +58,7 @@ def main() -> None:
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
-    die_with_supervisor()
+    end_with_supervisor()
     try:
         slot = take_slot(settings)
     except SlotTaken:

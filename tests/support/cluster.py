@@ -14,7 +14,7 @@ from typing import Any
 
 import httpx
 
-from service.startup import EX_CONFIG
+from service.supervision import EX_CONFIG
 from tests.support.servers import free_port
 
 QUICK = {

@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.startup import EX_CONFIG
+from service.supervision import EX_CONFIG
 from tests.support.service_process import Service, write_sphere
 
 

@@ -12,7 +12,7 @@ from service.database.engine import create_engine
 from service.database.migrations import lacking
 from service.operations.drain import drain
 from service.settings import Settings, SettingsError
-from service.startup import EX_CONFIG
+from service.supervision import EX_CONFIG
 from tests.support.board import Board
 from tests.support.service_process import Service, write_sphere
 

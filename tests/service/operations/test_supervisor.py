@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from service.startup import EX_CONFIG
+from service.supervision import EX_CONFIG
+from tests.support.imports import imported
 from tests.support.service_process import Service
 
 
@@ -20,7 +21,7 @@ def _serve(tmp_path: Path, *arguments: str, **settings: str) -> subprocess.Compl
         f"PCDNF_{key.upper()}": value for key, value in settings.items()
     }
     return subprocess.run(
-        [sys.executable, "-m", "service", *arguments], env=environment, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "service", *arguments], env=environment, capture_output=True, text=True, timeout=180
     )
 
 
@@ -47,7 +48,7 @@ def test_refuses_a_bad_setting_by_its_name(tmp_path: Path) -> None:
 
 
 def test_a_child_that_refuses_ends_the_service(tmp_path: Path) -> None:
-    ended = _serve(tmp_path, "--port", "0", default_model="nothing")
+    ended = _serve(tmp_path, "--port", "0", default_model="nothing", grace_seconds="1000")  # which nobody waits for
     assert ended.returncode == EX_CONFIG
     assert "no model" in ended.stderr
 
@@ -57,6 +58,19 @@ def test_stops_cleanly_even_while_starting(tmp_path: Path, number: signal.Signal
     service = Service(tmp_path).start(ready=False)
     assert service.stop(number) == 0, service.output()
     assert "Traceback" not in service.output()
+
+
+def test_the_supervisor_is_small(tmp_path: Path) -> None:
+    service = Service(tmp_path).start(ready=False)
+    assert service.process is not None
+    status = Path(f"/proc/{service.process.pid}/status").read_text()
+    (resident,) = (int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS:"))
+    assert resident < 25_000, f"{resident} kB"
+    assert service.stop() == 0, service.output()
+
+
+def test_the_supervisor_imports_no_library_of_the_service() -> None:
+    assert not imported("service.operations.supervisor") & {"fastapi", "starlette", "pydantic", "sqlalchemy", "dbos"}
 
 
 def test_children_do_not_outlive_the_supervisor(tmp_path: Path) -> None:

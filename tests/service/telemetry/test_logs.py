@@ -72,8 +72,8 @@ def test_text_has_the_ids_behind_the_message() -> None:
 
 def test_every_library_logs_the_same_way() -> None:
     code = (
-        "import logging, warnings; from dbos._logger import init_logger; from service import logs;"
-        "from service.settings import Settings; logs.configure(Settings(log_format='json')); init_logger();"
+        "import logging, warnings; from dbos._logger import init_logger; "
+        "from service.telemetry import logs; logs.configure('info', 'json'); init_logger();"
         "logging.getLogger('dbos').warning('engine'); warnings.warn('careful'); logging.getLogger('uvicorn').error('u')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

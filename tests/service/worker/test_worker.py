@@ -14,7 +14,7 @@ from dbos import DBOS
 from pcdnf.errors import PcdnfError
 from pcdnf.models.catalog import WEIGHTS
 from service.settings import Settings
-from service.startup import EX_CONFIG
+from service.supervision import EX_CONFIG
 from service.worker.main import limit_threads
 from service.worker.model_cache import MODELS_KEPT, Models
 from service.worker.slot import SlotTaken, take_slot
