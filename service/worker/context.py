@@ -54,6 +54,7 @@ class Runtime:
     def __init__(self, settings: Settings, storage: Storage, engine: sa.Engine, models: Models, turns: Turns) -> None:
         self.settings = settings
         self.storage = storage
+        self.engine = engine
         self.attempts = Attempts(engine, settings.job_ttl)
         self.shares = Shares(engine)
         self.models = models
