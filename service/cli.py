@@ -93,14 +93,14 @@ def drain(arguments: argparse.Namespace) -> int:
 def doctor(arguments: argparse.Namespace) -> int:
     """Print what was found; return 1 where there is a problem."""
     _take_options(arguments)
-    from .operations.doctor import examine, tell
+    from .operations.doctor import examine, print_finding
     from .startup import load_settings
 
     found = []
     for finding in examine(load_settings()):
         found.append(finding)
         if not arguments.json:
-            tell(finding)
+            print_finding(finding)
     if arguments.json:
         print(json.dumps([finding.to_json() for finding in found], indent=1))
     return 1 if any(finding.level == "problem" for finding in found) else 0

@@ -22,7 +22,7 @@ def observe(settings: Settings, service: str) -> None:
     configure_logs(settings)
     try:
         tracing.configure(service)
-    except tracing.TracesMissing as error:
+    except tracing.TracesMissingError as error:
         refuse(str(error))
 
 

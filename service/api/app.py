@@ -26,15 +26,15 @@ from .auth import Keys
 from .intake.idempotency import Claims
 from .intake.inspection import Inspector
 from .metrics import ApiMetrics, Deployment
-from .middleware.access_log import Observer
+from .middleware.access_log import AccessLog
 from .middleware.guard import Guard
 from .middleware.same_origin import Origins
 from .openapi import errors
 from .rate_limit import Rates
 from .results.conversion import Converter
 from .routes import jobs, models, pages, probes
-from .sandbox import Children
-from .shutdown import Stop
+from .sandbox import Sandbox
+from .shutdown import Shutdown
 from .watch import Watch
 
 log = logging.getLogger(__name__)
@@ -67,10 +67,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.keys = Keys.of(settings)
     app.state.rates = Rates(settings.caller_requests_per_minute)
     app.add_middleware(Origins, settings=settings)
-    app.state.stop = Stop()
+    app.state.shutdown = Shutdown()
     app.state.metrics = ApiMetrics()
-    app.add_middleware(Guard, max_requests=settings.max_requests, stop=app.state.stop)
-    app.add_middleware(Observer, metrics=app.state.metrics)
+    app.add_middleware(Guard, max_requests=settings.max_requests, shutdown=app.state.shutdown)
+    app.add_middleware(AccessLog, metrics=app.state.metrics)
     error_handlers.install(app)
     probes.install(app)
     app.include_router(models.router)
@@ -92,9 +92,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.claims = Claims(engine)
     app.state.watch = Watch(app.state.jobs, settings.max_streams)
     app.state.workers = Workers(engine)
-    children = Children(settings)
-    app.state.inspector = Inspector(children, settings)
-    app.state.converter = Converter(children, app.state.jobs, storage, app.state.retention)
+    sandbox = Sandbox(settings)
+    app.state.inspector = Inspector(sandbox, settings)
+    app.state.converter = Converter(sandbox, app.state.jobs, storage, app.state.retention)
     app.state.metrics.registry.register(Deployment(engine, storage, settings))
     clearing = asyncio.create_task(keep_clear(storage))
     try:

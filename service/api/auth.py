@@ -44,7 +44,7 @@ class Keys:
         self._fixed = {} if api_key is None else {hashlib.sha256(api_key.encode()).digest(): "default"}
         self._path = path
         self._version: tuple[int, int] | None = None
-        self._told: tuple[int, ...] | None = ()  # the version whose fault is in the log
+        self._reported: tuple[int, ...] | None = ()  # the version whose fault is in the log
         self._named: dict[bytes, str] = {}
         self._lock = threading.Lock()
         self._refresh()
@@ -89,8 +89,8 @@ class Keys:
                 # At start it is the operator's error; later the keys last read stay in force.
                 if self._version is None:
                     raise SettingsError(f"The file of keys PCDNF_API_KEYS_FILE cannot be used: {error}") from error
-                if version != self._told:
-                    self._told = version
+                if version != self._reported:
+                    self._reported = version
                     log.warning("the file of keys cannot be used, those last read stay in force: %s", error)
 
 

@@ -25,8 +25,7 @@ import pcdnf
 
 from ..database.tables import jobs as table
 from ..database.tables import now_ms
-from ..jobs import drain_switch as switches
-from ..jobs import outcomes
+from ..jobs import drain_switch, outcomes
 from ..jobs.job import LIVE
 from ..jobs.worker_registry import Worker, Workers
 from ..settings import Settings
@@ -124,7 +123,7 @@ class Deployment(Collector):
             rows = {row[0]: row[1:] for row in connection.execute(query.group_by(table.c.status))}
             waited = connection.execute(oldest).scalar() or 0
             ended = outcomes.counted(connection)
-            drained = switches.is_on(connection, switches.DRAIN)
+            drained = drain_switch.is_on(connection, drain_switch.DRAIN)
         live = GaugeMetricFamily("pcdnf_unfinished_jobs", "Jobs queued or at work", labels=["status"])
         points = GaugeMetricFamily("pcdnf_unfinished_points", "Points times passes they still need", labels=["status"])
         uploads = GaugeMetricFamily("pcdnf_unfinished_upload_bytes", "Bytes of their uploads", labels=["status"])

@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
-from ..jobs import drain_switch as switches
+from ..jobs import drain_switch
 from ..jobs.worker_registry import Workers
 from ..problems import Problem
 from ..settings import Settings
@@ -55,7 +55,7 @@ def readiness(
     views: list[WorkerView] = []
     try:
         with engine.connect() as connection:
-            drained = switches.is_on(connection, switches.DRAIN)
+            drained = drain_switch.is_on(connection, drain_switch.DRAIN)
         if drained:
             failed.append("The service is drained: it takes no new jobs.")
         views = [

@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 WALL_FACTOR = 4.0  # clock seconds a child may take for each second of processor time it is granted
 
 
-class Children:
+class Sandbox:
     """Runs modules of ``pcdnf.formats`` that answer with one JSON object.
 
     Parameters

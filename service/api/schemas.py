@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pcdnf.models.catalog import available_models
 
-from ..jobs.eta import Outlook
+from ..jobs.eta import Eta
 from ..jobs.job import Job
 from .error_handlers import ProblemDetail
 
@@ -119,7 +119,7 @@ def _time(milliseconds: int | None) -> datetime | None:
     return None if milliseconds is None else datetime.fromtimestamp(milliseconds / 1000, UTC)
 
 
-def job_view(job: Job, outlook: Outlook) -> JobView:
+def job_view(job: Job, eta: Eta) -> JobView:
     """Return what is shown of a job."""
     links = {"self": f"/jobs/{job.id}"}
     if job.live:
@@ -134,8 +134,8 @@ def job_view(job: Job, outlook: Outlook) -> JobView:
         id=job.id,
         status=job.status,
         progress=ProgressView(done=job.done, total=job.total),
-        queue_position=outlook.queue_position,
-        seconds_left=None if outlook.seconds_left is None else round(outlook.seconds_left, 1),
+        queue_position=eta.queue_position,
+        seconds_left=None if eta.seconds_left is None else round(eta.seconds_left, 1),
         points_per_second=None if job.points_per_second is None else round(job.points_per_second, 1),
         created_at=created,
         started_at=_time(job.started_at),
@@ -150,9 +150,9 @@ def job_view(job: Job, outlook: Outlook) -> JobView:
     )
 
 
-def retry_after(outlook: Outlook) -> str:
+def retry_after(eta: Eta) -> str:
     """Return the seconds after which to ask again: half of what is left, between 1 and 30."""
-    left = 2.0 if outlook.seconds_left is None else outlook.seconds_left / 2
+    left = 2.0 if eta.seconds_left is None else eta.seconds_left / 2
     return str(min(LONGEST_RETRY, max(1, math.ceil(left))))
 
 

@@ -36,8 +36,8 @@ class Server(uvicorn.Server):
         self._signals = 0
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Stop: not ready and no new jobs from here on."""
-        self._state.stop.begin()
+        """Shutdown: not ready and no new jobs from here on."""
+        self._state.shutdown.begin()
         self._signals += 1
         super().handle_exit(sig, frame)
 
@@ -45,7 +45,7 @@ class Server(uvicorn.Server):
         """Wait for the requests in hand, those that wait for jobs ended, then close the listener."""
         deadline = time.monotonic() + self._grace
         self._state.watch.close()
-        while (self._state.stop.in_hand or self._held) and time.monotonic() < deadline and not self.force_exit:
+        while (self._state.shutdown.in_flight or self._held) and time.monotonic() < deadline and not self.force_exit:
             await asyncio.sleep(0.05)
         self.config.timeout_graceful_shutdown = max(1, int(deadline - time.monotonic()))
         await super().shutdown(sockets)

@@ -7,18 +7,18 @@ from ..problems import Problem
 RETRY_SECONDS = 10
 
 
-class Stop:
+class Shutdown:
     """Whether this process stops, and how many requests from before that are still in hand.
 
     Attributes
     ----------
     begun : bool
-    in_hand : int
+    in_flight : int
     """
 
     def __init__(self) -> None:
         self.begun = False
-        self.in_hand = 0
+        self.in_flight = 0
 
     def begin(self) -> None:
         """Take no new work from here on."""

@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
-from ..jobs.eta import Outlook
+from ..jobs.eta import Eta
 from ..jobs.job import Job
 from .schemas import job_view
 from .watch import Follower
@@ -22,10 +22,10 @@ RECONNECT_MS = 2000
 HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # a proxy that collects events makes them late
 
 
-def event_id(job: Job, outlook: Outlook) -> str:
+def event_id(job: Job, eta: Eta) -> str:
     """Return what tells this state of a job from its others."""
     planned = "-planned" if "plan" in (job.execution or {}) else ""  # with it the corrected total
-    return f"{job.status}-{job.done if outlook.queue_position is None else outlook.queue_position}{planned}"
+    return f"{job.status}-{job.done if eta.queue_position is None else eta.queue_position}{planned}"
 
 
 def respond(follower: Follower, last_id: str | None) -> StreamingResponse:
@@ -34,17 +34,17 @@ def respond(follower: Follower, last_id: str | None) -> StreamingResponse:
 
 
 async def _stream(follower: Follower, last_id: str | None) -> AsyncIterator[bytes]:
-    sent, told = last_id, time.monotonic()
+    sent, written = last_id, time.monotonic()
     yield format_sse_event(retry=RECONNECT_MS)
     while True:
         ended = follower.ended
-        now = event_id(follower.job, follower.outlook)
+        now = event_id(follower.job, follower.eta)
         if now != sent:
-            sent, told = now, time.monotonic()
-            data = job_view(follower.job, follower.outlook).model_dump_json()
+            sent, written = now, time.monotonic()
+            data = job_view(follower.job, follower.eta).model_dump_json()
             yield format_sse_event(event="job", id=now, data_str=data)
         if ended:
             return
-        if not await follower.change(max(0.0, told + HEARTBEAT_SECONDS - time.monotonic())):
-            told = time.monotonic()
+        if not await follower.change(max(0.0, written + HEARTBEAT_SECONDS - time.monotonic())):
+            written = time.monotonic()
             yield format_sse_event(comment="alive")

@@ -18,7 +18,7 @@ from .intake.inspection import Inspector
 from .metrics import ApiMetrics
 from .rate_limit import Rates
 from .results.conversion import Converter
-from .shutdown import Stop
+from .shutdown import Shutdown
 from .watch import Watch
 
 
@@ -28,7 +28,7 @@ class State:
     settings: Settings
     keys: Keys
     rates: Rates
-    stop: Stop
+    shutdown: Shutdown
     metrics: ApiMetrics
     engine: sa.Engine
     storage: Storage

@@ -16,7 +16,7 @@ from fastapi import Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from ..jobs.eta import Outlook
+from ..jobs.eta import Eta
 from ..jobs.job import Job
 from ..jobs.store import Jobs
 from ..problems import Problem
@@ -34,13 +34,13 @@ class Follower:
     ----------
     job : Job
         As last seen.
-    outlook : Outlook
+    eta : Eta
     ended : bool
         Whether nothing will change any more: the job has finished or gone, or this process stops.
     """
 
-    def __init__(self, job: Job, outlook: Outlook) -> None:
-        self.job, self.outlook = job, outlook
+    def __init__(self, job: Job, eta: Eta) -> None:
+        self.job, self.eta = job, eta
         self.ended = not job.live
         self._changed = asyncio.Event()
 
@@ -54,12 +54,12 @@ class Follower:
         self._changed.clear()
         return True
 
-    def see(self, job: Job | None, outlook: Outlook) -> None:
+    def see(self, job: Job | None, eta: Eta) -> None:
         """Take in what the database says now; None for a job that is gone."""
         if job is None:
             self.end()
-        elif (job, outlook.queue_position) != (self.job, self.outlook.queue_position):
-            self.job, self.outlook, self.ended = job, outlook, self.ended or not job.live
+        elif (job, eta.queue_position) != (self.job, self.eta.queue_position):
+            self.job, self.eta, self.ended = job, eta, self.ended or not job.live
             self._changed.set()
 
     def end(self) -> None:
@@ -90,7 +90,7 @@ class Watch:
         return len(self._followers) >= self._most
 
     @contextmanager
-    def following(self, job: Job, outlook: Outlook) -> Iterator[Follower]:
+    def following(self, job: Job, eta: Eta) -> Iterator[Follower]:
         """Follow a job.
 
         Raises
@@ -106,7 +106,7 @@ class Watch:
                 headers={"Retry-After": "5"},
                 limit=self._most,
             )
-        follower = Follower(job, outlook)
+        follower = Follower(job, eta)
         self._followers.add(follower)
         if self._closed:
             follower.end()
@@ -126,7 +126,7 @@ class Watch:
             See :meth:`following`.
         """
         deadline = time.monotonic() + seconds
-        with self.following(job, Outlook(None, None)) as follower:
+        with self.following(job, Eta(None, None)) as follower:
             while not follower.ended and (left := deadline - time.monotonic()) > 0:
                 await follower.change(left)
             return follower.job
@@ -148,7 +148,7 @@ class Watch:
                 continue
             for follower in list(self._followers):
                 if follower.job.id in followed and not follower.ended:
-                    follower.see(*seen.get(follower.job.id, (None, follower.outlook)))
+                    follower.see(*seen.get(follower.job.id, (None, follower.eta)))
 
 
 def preferred_wait(request: Request, longest: int) -> int | None:

@@ -1,4 +1,8 @@
-"""Tables of the job database. Names and columns are persisted: they are added to, never renamed."""
+"""Tables of the job database.
+
+Names of tables and columns are persisted: they are added to, never renamed. A ``key`` gives a column the name that the
+code uses today.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +37,9 @@ jobs = sa.Table(
     sa.Column("finished_at", sa.BigInteger),
     sa.Column("expires_at", sa.BigInteger, index=True),
     sa.Column("purged_at", sa.BigInteger),
-    # Whether a worker has it open, and how often one died on it since its last tile.
-    sa.Column("open", sa.Boolean, nullable=False),
-    sa.Column("losses", sa.Integer, nullable=False),
+    # Whether a worker holds a lease on it, and how many crashed with one since its last tile.
+    sa.Column("open", sa.Boolean, nullable=False, key="leased"),
+    sa.Column("losses", sa.Integer, nullable=False, key="crashes"),
     # `request_id` and `traceparent` of the request that made the job.
     sa.Column("context", sa.JSON),
     sa.Index("pcdnf_jobs_status_created", "status", "created_at"),
@@ -77,18 +81,18 @@ switches = sa.Table(
 )
 
 
-# Shares of the tiles of one large job, while several workers compute them.
-shares = sa.Table(
+# Shards of the tiles of one large job, while several workers compute them.
+shards = sa.Table(
     "pcdnf_shares",
     metadata,
     sa.Column("id", sa.String(128), primary_key=True),
     sa.Column("job", sa.String(64), sa.ForeignKey("pcdnf_jobs.id", ondelete="CASCADE"), nullable=False, index=True),
-    # As the columns of the job, over all iterations: what is done before this share, and of it.
+    # As the columns of the job, over all iterations: what is done before this shard, and of it.
     sa.Column("start", sa.BigInteger, nullable=False),
     sa.Column("done", sa.BigInteger, nullable=False),
     sa.Column("points_per_second", sa.Float),
-    sa.Column("open", sa.Boolean, nullable=False),
-    sa.Column("losses", sa.Integer, nullable=False),
+    sa.Column("open", sa.Boolean, nullable=False, key="leased"),
+    sa.Column("losses", sa.Integer, nullable=False, key="crashes"),
 )
 
 

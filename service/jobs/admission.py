@@ -42,20 +42,20 @@ class Admission:
         self._stale_seconds = settings.worker_stale_seconds
         self._caller = Load(settings.max_caller_points, settings.max_caller_bytes, settings.max_caller_jobs)
 
-    def check(self, connection: sa.Connection, owner: str, wanted: Load) -> None:
-        """Refuse `wanted` where there is no room for it.
+    def check(self, connection: sa.Connection, owner: str, asked: Load) -> None:
+        """Refuse `asked` where there is no room for it.
 
         Raises
         ------
         Problem
             413 for what would not fit into an empty queue either, 429 where this caller has reached a limit of its
-            own, 503 where the queue is full for everybody.
+            own, 503 where the queue is full for all_load.
         """
-        self._too_large(wanted)
-        everybody, own = _loads(connection, owner)
+        self._too_large(asked)
+        all_load, own = _loads(connection, owner)
         pace = speed(connection, self._stale_seconds)
         for name in ("points", "bytes", "jobs"):
-            limit, used, more = (getattr(load, name) for load in (self._caller, own, wanted))
+            limit, used, more = (getattr(load, name) for load in (self._caller, own, asked))
             if used + more > limit:
                 raise Problem(
                     "quota_exceeded",
@@ -67,36 +67,36 @@ class Admission:
                     actual=used + more,
                 )
         for name in ("points", "bytes"):
-            limit, used, more = (getattr(load, name) for load in (self._all, everybody, wanted))
+            limit, used, more = (getattr(load, name) for load in (self._all, all_load, asked))
             if used + more > limit:
                 raise Problem(
                     "queue_full",
                     f"The queue is full: with this job it would hold {used + more} {name} of at most {limit}.",
                     hint="Send the file again after the seconds in Retry-After.",
-                    headers={"Retry-After": _seconds(used + more - limit, used, everybody.points, pace)},
+                    headers={"Retry-After": _seconds(used + more - limit, used, all_load.points, pace)},
                     unit=name,
                     limit=limit,
                     actual=used + more,
                 )
 
-    def _too_large(self, wanted: Load) -> None:
+    def _too_large(self, asked: Load) -> None:
         limit = min(self._all.points, self._caller.points)
-        if wanted.points > limit:
+        if asked.points > limit:
             raise Problem(
                 "too_much_work",
-                f"The job has {wanted.points} points times iterations; the queue takes {limit} at a time.",
+                f"The job has {asked.points} points times iterations; the queue takes {limit} at a time.",
                 hint="Ask for fewer iterations, or cut the cloud into parts.",
                 limit=limit,
-                actual=wanted.points,
+                actual=asked.points,
             )
         limit = min(self._all.bytes, self._caller.bytes)
-        if wanted.bytes > limit:
+        if asked.bytes > limit:
             raise Problem(
                 "upload_too_large",
-                f"The upload has {wanted.bytes} bytes; the queue takes {limit} at a time.",
+                f"The upload has {asked.bytes} bytes; the queue takes {limit} at a time.",
                 hint="Send a smaller cloud, or a binary file instead of text.",
                 limit=limit,
-                actual=wanted.bytes,
+                actual=asked.bytes,
             )
 
 
@@ -108,8 +108,8 @@ def _loads(connection: sa.Connection, owner: str) -> tuple[Load, Load]:
         sa.func.coalesce(sa.func.sum(size), 0),
         sa.func.count(),
     ).where(table.c.status.in_(LIVE))
-    everybody, own = (connection.execute(each).one() for each in (query, query.where(table.c.owner == owner)))
-    return Load(*map(int, everybody)), Load(*map(int, own))
+    all_load, own = (connection.execute(each).one() for each in (query, query.where(table.c.owner == owner)))
+    return Load(*map(int, all_load)), Load(*map(int, own))
 
 
 def _seconds(excess: int, used: int, points: int, pace: float | None) -> str:

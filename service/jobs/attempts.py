@@ -18,13 +18,13 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from ..database.tables import jobs as table
-from ..database.tables import now_ms, shares
+from ..database.tables import now_ms, shards
 from . import outcomes
 from .job import LIVE, Job, as_job
 
 log = logging.getLogger(__name__)
 
-MAX_LOSSES = 2
+MAX_CRASHES = 2
 RETRY_SECONDS = 1.0
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -63,7 +63,7 @@ class Attempts:
         self._ttl_ms = int(ttl * 1000)
 
     @patient
-    def open(self, job_id: str) -> Job | None:
+    def acquire(self, job_id: str) -> Job | None:
         """Take a job up, counting a loss if it was left open; None if it is not live any more."""
         query = (
             table.update()
@@ -71,8 +71,8 @@ class Attempts:
             .values(
                 status=sa.case((table.c.status == "queued", "running"), else_=table.c.status),
                 started_at=sa.func.coalesce(table.c.started_at, now_ms()),
-                losses=table.c.losses + sa.case((table.c.open, 1), else_=0),
-                open=True,
+                crashes=table.c.crashes + sa.case((table.c.leased, 1), else_=0),
+                leased=True,
             )
             .returning(table)
         )
@@ -96,7 +96,7 @@ class Attempts:
             connection.execute(table.update().where(table.c.id == job_id, table.c.status.in_(LIVE)).values(**values))
 
     @patient
-    def wanted(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
+    def report(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
         """Report progress, which never goes back, and return whether the job is still wanted: not once cancelled."""
         query = (
             table.update()
@@ -107,17 +107,17 @@ class Attempts:
         with self._engine.begin() as connection:
             return connection.execute(query).scalar_one_or_none() == "running"
 
-    def park(self, job_id: str) -> None:
+    def release(self, job_id: str) -> None:
         """Let go of a job between two tiles, without a loss, because this worker stops."""
-        self.update(job_id, open=False)
+        self.update(job_id, leased=False)
 
-    def resume(self, job_id: str) -> None:
+    def reacquire(self, job_id: str) -> None:
         """Go on with a job that was let go of."""
-        self.update(job_id, open=True)
+        self.update(job_id, leased=True)
 
     def finished_tile(self, job_id: str, *, done: int, points_per_second: float | None) -> None:
-        """Report a tile that is stored, which forgives the losses so far."""
-        self.update(job_id, losses=0, done=done, points_per_second=points_per_second)
+        """Report a tile that is stored, which forgives the crashes so far."""
+        self.update(job_id, crashes=0, done=done, points_per_second=points_per_second)
 
     @patient
     def succeed(self, job_id: str, results: dict[str, Any], warnings: list[str]) -> bool:
@@ -147,7 +147,7 @@ class Attempts:
         query = (
             table.update()
             .where(table.c.id == job_id, table.c.status.in_(before))
-            .values(open=False, finished_at=now, expires_at=now + self._ttl_ms, **values)
+            .values(leased=False, finished_at=now, expires_at=now + self._ttl_ms, **values)
         )
         with self._engine.begin() as connection:
             ended = connection.execute(query).rowcount == 1
@@ -159,9 +159,9 @@ class Attempts:
 
     @patient
     def _drop_shares(self, job_id: str) -> None:
-        # In a transaction of its own: who reports on a share locks it first, then the job.
+        # In a transaction of its own: who reports on a shard locks it first, then the job.
         with self._engine.begin() as connection:
-            connection.execute(shares.delete().where(shares.c.job == job_id))
+            connection.execute(shards.delete().where(shards.c.job == job_id))
 
 
 def _forward(done: int) -> sa.ColumnElement[int]:

@@ -9,6 +9,6 @@ APPLICATION_NAME = "pcdnf"
 # the steps of the workflow or the files between them change meaning.
 APPLICATION_VERSION = "1"
 WORKFLOW = "denoise"
-SHARE_WORKFLOW = "denoise_share"
+SHARD_WORKFLOW = "denoise_share"
 GIVEN_UP = ["ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"]
 SERIALIZER = DBOSPortableJSONSerializer()  # the engine's default is pickle

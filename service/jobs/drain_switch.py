@@ -21,7 +21,7 @@ def is_on(connection: sa.Connection, name: str) -> bool:
     return connection.execute(sa.select(table.c.name).where(table.c.name == name)).scalar() is not None
 
 
-def turn(connection: sa.Connection, name: str, *, on: bool) -> None:
+def set_switch(connection: sa.Connection, name: str, *, on: bool) -> None:
     """Turn a switch; one that is so already stays so."""
     if on:
         since = connection.execute(sa.select(now_ms())).scalar_one()

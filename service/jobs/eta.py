@@ -13,7 +13,7 @@ from .lanes import lane
 
 
 @dataclass(frozen=True)
-class Outlook:
+class Eta:
     """What is known about the time a live job still takes."""
 
     queue_position: int | None
@@ -35,14 +35,14 @@ def _at_work(stale_seconds: float) -> tuple[sa.ColumnElement[bool], ...]:
     return (workers.c.state == "ready", workers.c.beat_at >= now_ms() - int(stale_seconds * 1000))
 
 
-def outlook(connection: sa.Connection, job: Job, stale_seconds: float) -> Outlook:
+def estimate(connection: sa.Connection, job: Job, stale_seconds: float) -> Eta:
     """Return place in the queue and estimated time; a worker silent for `stale_seconds` does not count.
 
     Jobs in hand share the device evenly, so until a job has done its own work each of the others does as much, or what
     it has left.
     """
     if not job.live:
-        return Outlook(None, None)
+        return Eta(None, None)
     every = speed(connection, stale_seconds)
     left = job.total - job.done
     position, before = None, 0
@@ -55,7 +55,7 @@ def outlook(connection: sa.Connection, job: Job, stale_seconds: float) -> Outloo
     others = _others(connection, job, before + left)
     if job.status != "queued" and every and pace:
         others = others * pace / every  # those of other workers are in nobody's way
-    return Outlook(position, (before + left + others) / pace if pace else None)
+    return Eta(position, (before + left + others) / pace if pace else None)
 
 
 def _ahead(connection: sa.Connection, job: Job) -> tuple[int, int]:

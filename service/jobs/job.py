@@ -9,6 +9,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from ..database.tables import jobs as table
+
 LIVE = ("queued", "running", "cancelling")
 FINISHED = ("succeeded", "failed", "cancelled")
 
@@ -34,15 +36,15 @@ class Job:
     finished_at: int | None
     expires_at: int | None
     purged_at: int | None
-    open: bool
-    losses: int
+    leased: bool
+    crashes: int
     context: dict[str, str] | None
-    share: str | None = None  # which share of it a worker has in hand, where it is not all
+    shard: str | None = None  # which shard of it a worker has in hand, where it is not all
 
     @property
     def work(self) -> str:
-        """The id of what a worker has in hand: the job, or the share."""
-        return self.share or self.id
+        """The id of what a worker has in hand: the job, or the shard."""
+        return self.shard or self.id
 
     @property
     def live(self) -> bool:
@@ -62,4 +64,4 @@ def is_id(text: str) -> bool:
 
 def as_job(row: sa.RowMapping) -> Job:
     """Return the row as a :class:`Job`."""
-    return Job(**{field.name: row[field.name] for field in fields(Job) if field.name != "share"})
+    return Job(**{field.name: row[table.c[field.name]] for field in fields(Job) if field.name != "shard"})

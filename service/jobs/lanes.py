@@ -18,14 +18,14 @@ class Lane:
     queue : str
     above, upto : int
         Which jobs, by points times iterations.
-    in_hand : int
+    concurrency : int
         Jobs that one worker has in hand at a time.
     """
 
     queue: str
     above: int
     upto: int
-    in_hand: int
+    concurrency: int
 
 
 LANES = (
@@ -36,7 +36,7 @@ LANES = (
 )
 
 
-SHARES_QUEUE, SHARES_IN_HAND = "shares", 2  # of large jobs; one of the two waits, so that its worker need not
+SHARDS_QUEUE, SHARD_CONCURRENCY = "shares", 2  # of large jobs; one of the two waits, so that its worker need not
 
 
 def lane(total: int) -> Lane:

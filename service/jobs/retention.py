@@ -59,14 +59,14 @@ class Retention:
         self._storage.clear_scratch(SCRATCH_SECONDS)
         return len(expired)
 
-    def make_room(self, wanted: int = 0, *, keep: str | None = None) -> None:
-        """Let results expire now until `wanted` bytes fit; none of them where that would not be enough.
+    def make_room(self, needed: int = 0, *, keep: str | None = None) -> None:
+        """Let results expire now until `needed` bytes fit; none of them where that would not be enough.
 
         The oldest go first, of the caller whose results take most at that moment.
 
         Parameters
         ----------
-        wanted : int
+        needed : int
         keep : str, optional
             A job that must not go.
 
@@ -77,8 +77,8 @@ class Retention:
         """
         used = self._storage.used_bytes() if self._budget else 0
         free = self._storage.free_bytes()
-        over = used + wanted - self._budget if self._budget else 0
-        lacking = self._min_free + wanted - free
+        over = used + needed - self._budget if self._budget else 0
+        lacking = self._min_free + needed - free
         short = max(over, lacking)
         if short <= 0:
             return
@@ -94,7 +94,7 @@ class Retention:
             results[owner].append((job_id, self._storage.job_bytes(job_id)))
         taken = {owner: sum(size for _, size in each) for owner, each in results.items()}
         if sum(taken.values()) < short or (lacking > 0 and not self._storage.frees_disk):
-            limit, actual = (self._budget, used + wanted) if over == short else (free, self._min_free + wanted)
+            limit, actual = (self._budget, used + needed) if over == short else (free, self._min_free + needed)
             raise Problem(
                 "disk_full",
                 "There is not enough disk space for this.",

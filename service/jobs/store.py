@@ -19,11 +19,10 @@ from ..database.tables import now_ms
 from ..settings import Settings
 from ..storage.base import Storage
 from ..telemetry import tracing
-from . import drain_switch as switches
-from . import outcomes
+from . import drain_switch, outcomes
 from .admission import Admission, Load
 from .dbos_contract import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER, WORKFLOW
-from .eta import Outlook, outlook
+from .eta import Eta, estimate
 from .job import FINISHED, Job, as_job, is_id
 from .lanes import lane
 
@@ -61,11 +60,11 @@ class Jobs:
         """Let go of the engine's client."""
         self._client.destroy()
 
-    def check_room(self, owner: str, wanted: Load) -> None:
+    def check_room(self, owner: str, asked: Load) -> None:
         """Refuse early what :meth:`submit` would most likely refuse; see :meth:`Admission.check`."""
         with self._engine.connect() as connection:
-            switches.check_open(connection)
-            self._admission.check(connection, owner, wanted)
+            drain_switch.check_open(connection)
+            self._admission.check(connection, owner, asked)
 
     def submit(
         self,
@@ -95,8 +94,8 @@ class Jobs:
             "done": 0,
             "total": upload["points"] * (self._usual_iterations if iterations == "auto" else iterations),
             "created_at": now_ms(),
-            "open": False,
-            "losses": 0,
+            "leased": False,
+            "crashes": 0,
             "context": tracing.carried(),
         }
         options: EnqueueOptions = {
@@ -105,10 +104,10 @@ class Jobs:
             "workflow_id": job_id,
             "app_version": APPLICATION_VERSION,
         }
-        wanted = Load(values["total"], upload["bytes"], 1)
+        asked = Load(values["total"], upload["bytes"], 1)
         with self._engine.connect() as connection, exclusive(connection):
-            switches.check_open(connection)
-            self._admission.check(connection, owner, wanted)
+            drain_switch.check_open(connection)
+            self._admission.check(connection, owner, asked)
             connection.execute(table.insert().values(values))
             if also is not None:
                 also(connection)
@@ -142,16 +141,16 @@ class Jobs:
         with self._engine.connect() as connection:
             return [as_job(row) for row in connection.execute(query).mappings()]
 
-    def outlook(self, job: Job) -> Outlook:
+    def eta(self, job: Job) -> Eta:
         """Return place in the queue and estimated time, from the speed the workers measured."""
         with self._engine.connect() as connection:
-            return outlook(connection, job, self._stale_seconds)
+            return estimate(connection, job, self._stale_seconds)
 
-    def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Outlook]]:
+    def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Eta]]:
         """Return these jobs as they are now, whoever owns them; those that are gone are left out."""
         with self._engine.connect() as connection:
             rows = connection.execute(sa.select(table).where(table.c.id.in_(job_ids))).mappings().all()
-        return {job.id: (job, self.outlook(job)) for job in map(as_job, rows)}
+        return {job.id: (job, self.eta(job)) for job in map(as_job, rows)}
 
     def cancel(self, job: Job) -> Job | None:
         """Cancel a live job: at once where it is queued, else as soon as its worker notices.
@@ -190,9 +189,11 @@ class Jobs:
             now = as_job(row)
             # Another API process may have added this format or another one meanwhile.
             results = {format_: facts} | (now.results or {})
-            told = now.warnings + [warning for warning in warnings if warning not in now.warnings]
-            connection.execute(table.update().where(table.c.id == job.id).values(results=results, warnings=told))
-        return replace(now, results=results, warnings=told)
+            all_warnings = now.warnings + [warning for warning in warnings if warning not in now.warnings]
+            connection.execute(
+                table.update().where(table.c.id == job.id).values(results=results, warnings=all_warnings)
+            )
+        return replace(now, results=results, warnings=all_warnings)
 
     def remove(self, job: Job) -> bool:
         """Remove a finished job, its files and its row; False if it is live."""

@@ -24,7 +24,7 @@ from ..api.auth import Keys
 from ..api.listener import bind
 from ..database.engine import create_engine
 from ..database.migrations import lacking
-from ..jobs import drain_switch as switches
+from ..jobs import drain_switch
 from ..jobs.files import job_file
 from ..jobs.job import new_id
 from ..settings import Settings, SettingsError
@@ -110,7 +110,7 @@ def _extras(_: Settings) -> Iterator[Finding]:
         there = find_spec(module) is not None
         text = f"{title} is read and written" if there else f"{title} is not installed: pip install 'pcdnf[{extra}]'"
         yield Finding("formats", "ok", text)
-    if tracing.wanted() and not find_spec("opentelemetry.exporter"):
+    if tracing.is_enabled() and not find_spec("opentelemetry.exporter"):
         advice = "Run: pip install 'pcdnf[traces]', or unset OTEL_EXPORTER_OTLP_ENDPOINT."
         yield Finding("traces", "problem", "Traces are asked for, but their libraries are not installed.", advice)
 
@@ -129,12 +129,12 @@ def _data_folder(settings: Settings) -> Iterator[Finding]:
     text = f"{folder} can be written to" if there == folder else f"{folder} can be made"
     yield Finding("data", "ok", text)
     free, least = shutil.disk_usage(there).free, settings.min_free_bytes
-    told = f"{free // MIB} MiB free, {least // MIB} MiB are kept free"
+    summary = f"{free // MIB} MiB free, {least // MIB} MiB are kept free"
     if free < least:
         advice = "Make room, or lower PCDNF_MIN_FREE_BYTES; until then the service is not ready."
-        yield Finding("disk", "problem", f"{told}.", advice)
+        yield Finding("disk", "problem", f"{summary}.", advice)
     else:
-        yield Finding("disk", "ok", told)
+        yield Finding("disk", "ok", summary)
 
 
 def _storage(settings: Settings) -> Iterator[Finding]:
@@ -158,12 +158,12 @@ def _storage(settings: Settings) -> Iterator[Finding]:
         yield Finding("storage", "problem", "The storage gave back something else than it was given.", advice)
         return
     budget = settings.disk_budget_bytes
-    told = f"{used // MIB} MiB in jobs" + (f", of a budget of {budget // MIB} MiB" if budget else ", no budget")
+    summary = f"{used // MIB} MiB in jobs" + (f", of a budget of {budget // MIB} MiB" if budget else ", no budget")
     if budget and used > 0.9 * budget:
         advice = "The oldest results expire early. Raise PCDNF_DISK_BUDGET_BYTES, or lower PCDNF_JOB_TTL."
-        yield Finding("storage", "warning", f"{told}.", advice)
+        yield Finding("storage", "warning", f"{summary}.", advice)
     else:
-        yield Finding("storage", "ok", told)
+        yield Finding("storage", "ok", summary)
 
 
 def _database(settings: Settings) -> Iterator[Finding]:
@@ -182,7 +182,7 @@ def _database(settings: Settings) -> Iterator[Finding]:
             return
         yield Finding("database", "ok", f"{name} answers and is of this version")
         with engine.connect() as connection:
-            if switches.is_on(connection, switches.DRAIN):
+            if drain_switch.is_on(connection, drain_switch.DRAIN):
                 yield Finding("drain", "warning", "The service takes no new jobs.", "To open it: pcdnf drain --off")
     except SQLAlchemyError as error:
         text = f"{name} does not answer: {type(error).__name__}."
@@ -215,19 +215,19 @@ def _service(settings: Settings) -> Iterator[Finding]:
     address = f"http://{f'[{host}]' if ':' in host else host}:{settings.port}"
     try:
         answer = httpx.get(f"{address}/readyz", timeout=ANSWER_SECONDS, trust_env=False)
-        told = answer.json()
+        reported = answer.json()
     except httpx.TransportError:
         yield _port(settings)
         return
     except ValueError:
-        told = None
-    if not isinstance(told, dict) or not {"workers", "code"} & told.keys():
+        reported = None
+    if not isinstance(reported, dict) or not {"workers", "code"} & reported.keys():
         advice = "Set PCDNF_PORT or --port to a free one."
         yield Finding("port", "problem", f"Another program answers at {address}.", advice)
     elif answer.status_code == 200:
-        yield Finding("service", "ok", f"{address} is ready, with {len(told['workers'])} workers")
+        yield Finding("service", "ok", f"{address} is ready, with {len(reported['workers'])} workers")
     else:
-        yield Finding("service", "problem", f"{address} is not ready: {told.get('detail')}", NOT_READY_ADVICE)
+        yield Finding("service", "problem", f"{address} is not ready: {reported.get('detail')}", NOT_READY_ADVICE)
 
 
 def _port(settings: Settings) -> Finding:
@@ -243,7 +243,7 @@ CHECKS: list[Callable[[Settings], Iterator[Finding]]] = [
 ]  # fmt: skip
 
 
-def tell(finding: Finding) -> None:
+def print_finding(finding: Finding) -> None:
     """Print a finding for a person."""
     mark = {"ok": "ok     ", "warning": "warning", "problem": "PROBLEM"}[finding.level]
     print(f"{mark}  {finding.about:<9}{finding.text}", flush=True)

@@ -11,12 +11,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from ..database.engine import create_engine
 from ..database.migrations import lacking, migrate
 from ..database.tables import jobs as jobs_table
-from ..jobs import drain_switch as switches
+from ..jobs import drain_switch
 from ..jobs.job import LIVE
 from ..jobs.worker_registry import Workers
 from ..settings import Settings, SettingsError
 
-LOOK_SECONDS, TELL_SECONDS = 1.0, 10.0
+LOOK_SECONDS, PRINT_SECONDS = 1.0, 10.0
 
 
 def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
@@ -46,12 +46,12 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
             migrate(settings)
         if on is not None:
             with engine.begin() as connection:
-                switches.turn(connection, switches.DRAIN, on=on)
-        told, before = -TELL_SECONDS, -1
+                drain_switch.set_switch(connection, drain_switch.DRAIN, on=on)
+        printed, before = -PRINT_SECONDS, -1
         while True:
             line, unfinished = _state(engine, settings)
-            if unfinished != before or time.monotonic() - told >= TELL_SECONDS:
-                told, before = time.monotonic(), unfinished
+            if unfinished != before or time.monotonic() - printed >= PRINT_SECONDS:
+                printed, before = time.monotonic(), unfinished
                 print(line, flush=True)
             if not wait or not unfinished:
                 return
@@ -82,7 +82,7 @@ def _state(engine: sa.Engine, settings: Settings) -> tuple[str, int]:
     jobs = jobs_table
     left = sa.func.coalesce(sa.func.sum(jobs.c.total - jobs.c.done), 0)
     with engine.connect() as connection:
-        drained = switches.is_on(connection, switches.DRAIN)
+        drained = drain_switch.is_on(connection, drain_switch.DRAIN)
         query = sa.select(sa.func.count(), left).where(jobs.c.status.in_(LIVE))
         unfinished, points = map(int, connection.execute(query).one())
     line = "Drained: no new jobs are taken." if drained else "Open: new jobs are taken."

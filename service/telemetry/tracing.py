@@ -24,11 +24,11 @@ FLUSH_SECONDS = 3.0
 _propagator = TraceContextTextMapPropagator()
 
 
-class TracesMissing(Exception):
+class TracesMissingError(Exception):
     """Traces are asked for, and their libraries are not installed; the text says what to do."""
 
 
-def wanted() -> bool:
+def is_enabled() -> bool:
     """Return whether the environment says where to send spans."""
     return any(os.environ.get(name) for name in ENDPOINTS)
 
@@ -38,9 +38,9 @@ def configure(service: str) -> None:
 
     Raises
     ------
-    TracesMissing
+    TracesMissingError
     """
-    if not wanted():
+    if not is_enabled():
         return
     try:
         from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
@@ -48,7 +48,7 @@ def configure(service: str) -> None:
         from opentelemetry.sdk.trace import TracerProvider
         from opentelemetry.sdk.trace.export import BatchSpanProcessor
     except ImportError as error:
-        raise TracesMissing(
+        raise TracesMissingError(
             f"{' or '.join(ENDPOINTS)} is set, but the libraries that send traces are not installed. "
             "Run: pip install 'pcdnf[traces]', or unset it."
         ) from error

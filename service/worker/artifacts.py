@@ -22,7 +22,7 @@ from .context import Runtime
 
 log = logging.getLogger(__name__)
 
-RAW_NORMALS = "raw-normals.npz"
+INITIAL_NORMALS = "raw-normals.npz"
 
 
 DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step that finds the disk full
@@ -31,16 +31,16 @@ DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step that finds t
 T = TypeVar("T")
 
 
-class DiskFull(Exception):
+class DiskFullError(Exception):
     """The disk stays full."""
 
 
-def with_room(runtime: Runtime, in_hand: str, work: Callable[[], T]) -> T:
-    """Do the work of a job or share in hand, again for a while where the disk is full: what expires may make room.
+def retry_while_disk_full(runtime: Runtime, in_hand: str, work: Callable[[], T]) -> T:
+    """Do the work of a job or shard in hand, again for a while where the disk is full: what expires may make room.
 
     Raises
     ------
-    DiskFull
+    DiskFullError
     """
     deadline = time.monotonic() + DISK_PATIENCE_SECONDS
     while True:
@@ -50,7 +50,7 @@ def with_room(runtime: Runtime, in_hand: str, work: Callable[[], T]) -> T:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             if time.monotonic() > deadline:
-                raise DiskFull from error
+                raise DiskFullError from error
         log.warning("job %s waits: the disk is full", in_hand)
         time.sleep(DISK_RETRY_SECONDS)
         runtime.pause_if_stopping(in_hand)

@@ -14,25 +14,25 @@ import sqlalchemy as sa
 
 from ..jobs.attempts import Attempts
 from ..jobs.job import Job
-from ..jobs.shards import Shares
+from ..jobs.shards import Shards
 from ..jobs.worker_registry import Workers
 from ..settings import Settings
 from ..storage.base import Storage
 from ..telemetry import logs, tracing
-from .metrics import Measures
-from .model_cache import Models
-from .scheduler import Turns
+from .metrics import WorkerMetrics
+from .model_cache import ModelCache
+from .scheduler import Scheduler
 
 SPEED_WEIGHT = 0.3  # of the newest tile in the moving average
-IDLE_SECONDS = 30.0  # that a prepared cloud is kept after its last share
+IDLE_SECONDS = 30.0  # that a prepared cloud is kept after its last shard
 
 
 @dataclass(frozen=True)
 class Held:
-    """A job or a share in hand: of which job, and where it is put down."""
+    """A job or a shard in hand: of which job, and where it is put down."""
 
     job: str
-    record: Attempts | Shares
+    record: Attempts | Shards
 
 
 class Runtime:
@@ -40,27 +40,29 @@ class Runtime:
 
     Attributes
     ----------
-    kept : dict of str to object
+    cached : dict of str to object
         What is kept in memory of each job between two tiles.
     in_hand : dict of str to Held
-        The jobs and shares whose workflows run.
+        The jobs and shards whose workflows run.
     parked : set of str
         Those that were let go of because this process stops.
-    turns : Turns
+    scheduler : Scheduler
         Who of them may compute.
-    measures : Measures
+    metrics : WorkerMetrics
     """
 
-    def __init__(self, settings: Settings, storage: Storage, engine: sa.Engine, models: Models, turns: Turns) -> None:
+    def __init__(
+        self, settings: Settings, storage: Storage, engine: sa.Engine, models: ModelCache, scheduler: Scheduler
+    ) -> None:
         self.settings = settings
         self.storage = storage
         self.engine = engine
         self.attempts = Attempts(engine, settings.job_ttl)
-        self.shares = Shares(engine)
+        self.shards = Shards(engine)
         self.models = models
-        self.turns = turns
-        self.measures = Measures()
-        self.kept: dict[str, Any] = {}
+        self.scheduler = scheduler
+        self.metrics = WorkerMetrics()
+        self.cached: dict[str, Any] = {}
         self.in_hand: dict[str, Held] = {}
         self._workers = Workers(engine)
         self._idle: dict[str, float] = {}
@@ -71,8 +73,8 @@ class Runtime:
         self._stopping = threading.Event()
 
     @contextmanager
-    def working_on(self, work: str, job_id: str, record: Attempts | Shares) -> Iterator[None]:
-        """Mark a job, or a share of `job_id`, as in hand."""
+    def working_on(self, work: str, job_id: str, record: Attempts | Shards) -> Iterator[None]:
+        """Mark a job, or a shard of `job_id`, as in hand."""
         self.in_hand[work] = Held(job_id, record)
         try:
             self.pause_if_stopping(work)
@@ -82,22 +84,22 @@ class Runtime:
             if work == job_id:
                 self._drop(job_id)
             else:
-                self._idle[job_id] = time.monotonic()  # the next share may come in a moment
+                self._idle[job_id] = time.monotonic()  # the next shard may come in a moment
 
     def drop_idle(self, seconds: float = IDLE_SECONDS) -> None:
-        """Drop what is kept of jobs whose last share was given back so many seconds ago."""
+        """Drop what is kept of jobs whose last shard was given back so many seconds ago."""
         busy = {held.job for held in list(self.in_hand.values())}
         for job_id, since in list(self._idle.items()):
             if job_id not in busy and time.monotonic() - since > seconds:
                 self._drop(job_id)
 
     def _drop(self, job_id: str) -> None:
-        for kept in (self.kept, self._idle, self._preparing):
-            kept.pop(job_id, None)
+        for cache in (self.cached, self._idle, self._preparing):
+            cache.pop(job_id, None)
 
     @contextmanager
     def preparing(self, job: Job, poll: Callable[[], None]) -> Iterator[None]:
-        """Prepare the cloud of a job while no other share of it does the same."""
+        """Prepare the cloud of a job while no other shard of it does the same."""
         lock = self._preparing[job.id]
         while not lock.acquire(timeout=1.0):
             poll()
@@ -106,9 +108,9 @@ class Runtime:
         finally:
             lock.release()
 
-    def record(self, job: Job) -> Attempts | Shares:
-        """Return where the work on `job` is put down: in its own row, or in that of a share."""
-        return self.attempts if job.share is None else self.shares
+    def record(self, job: Job) -> Attempts | Shards:
+        """Return where the work on `job` is put down: in its own row, or in that of a shard."""
+        return self.attempts if job.shard is None else self.shards
 
     def computes_alike(self, job: Job) -> bool:
         """Return whether this worker computes as the one that `job` began on."""
@@ -124,7 +126,7 @@ class Runtime:
     def attempt(self, job: Job) -> Iterator[None]:
         """Work through a job, in the trace and with the request id of the request that made it."""
         if job.execution is None and job.started_at is not None:
-            self.measures.waited((job.started_at - job.created_at) / 1000)
+            self.metrics.waited((job.started_at - job.created_at) / 1000)
         context = job.context or {}
         request_id = {name: value for name, value in context.items() if name == "request_id"}
         with logs.about(job_id=job.id, **request_id), tracing.span("job", carrier=context) as span:
@@ -134,19 +136,17 @@ class Runtime:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time a stage of a job, one of :data:`service.worker.metrics.STAGES`."""
-        with tracing.span(name), self.measures.stage(name):
+        with tracing.span(name), self.metrics.stage(name):
             yield
 
     @contextmanager
-    def at_work(
-        self, job: Job, wanted: Callable[[], None], *, left: int | None = None
-    ) -> Iterator[Callable[[], float]]:
+    def at_work(self, job: Job, check: Callable[[], None], *, left: int | None = None) -> Iterator[Callable[[], float]]:
         """Work on a job: a tile with `left` points to do, or something that needs no turn.
 
         Parameters
         ----------
         job : Job
-        wanted : callable
+        check : callable
             Called now and then while the job waits; raises where it is not wanted any more.
         left : int, optional
 
@@ -158,33 +158,33 @@ class Runtime:
 
         def poll() -> None:
             self.pause_if_stopping(job.work)
-            wanted()
+            check()
 
-        with self.turns.work(
+        with self.scheduler.work(
             job.id,
             submitted=job.created_at,
             left=left,
-            alone=job.losses > 0,
-            waits=lambda: self.record(job).park(job.work),  # should the process die now, this job is not to blame
+            alone=job.crashes > 0,
+            waits=lambda: self.record(job).release(job.work),  # should the process die now, this job is not to blame
             poll=poll,
         ) as turn:
 
             def resume(waited: bool) -> None:
                 if waited:
-                    self.record(job).resume(job.work)
+                    self.record(job).reacquire(job.work)
 
-            def give_way() -> float:
+            def yield_to_smaller() -> float:
                 began = time.monotonic()
-                resume(waited := turn.give_way())
+                resume(waited := turn.yield_to_smaller())
                 return time.monotonic() - began if waited else 0.0
 
             resume(turn.waited)
-            yield give_way
+            yield yield_to_smaller
 
     def stop(self) -> None:
         """Let the jobs in hand come to rest after what they are at."""
         self._stopping.set()
-        self.turns.close()
+        self.scheduler.close()
 
     @property
     def at_rest(self) -> bool:
@@ -192,7 +192,7 @@ class Runtime:
         return self.in_hand.keys() <= self.parked
 
     def pause_if_stopping(self, work: str) -> None:
-        """Let go of a job or share in hand and wait for the end of this process, if that is near."""
+        """Let go of a job or shard in hand and wait for the end of this process, if that is near."""
         if self._stopping.is_set():
             self._let_go(work)
             threading.Event().wait()
@@ -205,7 +205,7 @@ class Runtime:
     def _let_go(self, work: str) -> None:
         held = self.in_hand.get(work)
         if held is not None:  # it has not ended meanwhile
-            held.record.park(work)
+            held.record.release(work)
             self.parked.add(work)
 
     @property
@@ -213,16 +213,16 @@ class Runtime:
         """Moving average over the tiles of the model used last."""
         return None if self._newest is None else self._speeds[self._newest]
 
-    def speed(self, form: str) -> float | None:
+    def speed(self, key: str) -> float | None:
         """Return the moving average over the tiles of a form of a model, in points per second."""
-        return self._speeds.get(form)
+        return self._speeds.get(key)
 
-    def measured(self, form: str, points: int, seconds: float) -> None:
+    def measured(self, key: str, points: int, seconds: float) -> None:
         """Take a finished tile into the average speed."""
         speed = points / max(seconds, 1e-6)
-        before = self._speeds.get(form, speed)
-        self._speeds[form] = before + SPEED_WEIGHT * (speed - before)
-        self._newest = form
+        before = self._speeds.get(key, speed)
+        self._speeds[key] = before + SPEED_WEIGHT * (speed - before)
+        self._newest = key
 
 
 def _kind(execution: dict[str, Any]) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from ..settings import Settings
 log = logging.getLogger(__name__)
 
 
-class Heart:
+class Heartbeat:
     """Tells the table of workers that this one lives, from a thread of its own."""
 
     def __init__(self, workers: Workers, settings: Settings) -> None:

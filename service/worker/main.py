@@ -29,9 +29,9 @@ from ..storage.base import StorageError
 from ..storage.open import open_storage
 from ..supervision import EX_CONFIG, end_with_supervisor
 from ..telemetry import tracing
-from .heartbeat import Heart
-from .recovery import launch, settle, take_over
-from .slot import SlotTaken, take_slot
+from .heartbeat import Heartbeat
+from .recovery import fail_given_up, launch, take_over
+from .slot import SlotTakenError, take_slot
 
 log = logging.getLogger("service.worker")  # not __main__
 
@@ -61,7 +61,7 @@ def main() -> None:
     end_with_supervisor()
     try:
         slot = take_slot(settings)
-    except SlotTaken:
+    except SlotTakenError:
         refuse(f"Another worker named {settings.executor_id} is running on {settings.data_dir}. Set PCDNF_WORKER_ID.")
     migrate(settings)
     engine = create_engine(settings)
@@ -69,11 +69,11 @@ def main() -> None:
     shared = not settings.resolved_database_url.startswith("sqlite")  # else the lock says it all
     if shared and workers.beats_elsewhere(settings.executor_id, settings.heartbeat_seconds):
         refuse(f"A worker named {settings.executor_id} is running on another machine. Set PCDNF_WORKER_ID.")
-    heart = Heart(workers, settings)
-    heart.start()
+    heartbeat = Heartbeat(workers, settings)
+    heartbeat.start()
     status = 0
     try:
-        serve(settings, engine, workers, heart, stopping)
+        serve(settings, engine, workers, heartbeat, stopping)
         log.info("worker %s stops", settings.executor_id)
     except SettingsError as error:
         status = EX_CONFIG
@@ -88,7 +88,7 @@ def main() -> None:
         status = 1
         log.exception("worker %s fails", settings.executor_id)
     try:
-        not_for_long(heart.stop)
+        with_time_limit(heartbeat.stop)
         slot.close()
         tracing.close()
         logging.shutdown()
@@ -96,7 +96,7 @@ def main() -> None:
         os._exit(status)  # a parked workflow waits in its thread for this
 
 
-def not_for_long(write: Callable[[], None]) -> None:
+def with_time_limit(write: Callable[[], None]) -> None:
     """Do one of the last writes to the database, but leave it where that does not answer: this process ends."""
 
     def attempt() -> None:
@@ -110,7 +110,9 @@ def not_for_long(write: Callable[[], None]) -> None:
     thread.join(LAST_SECONDS)
 
 
-def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart, stopping: threading.Event) -> None:
+def serve(
+    settings: Settings, engine: sa.Engine, workers: Workers, heartbeat: Heartbeat, stopping: threading.Event
+) -> None:
     """Load the model, join the queue, and look after it until `stopping` is set.
 
     Raises
@@ -122,36 +124,36 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
     import numba
     import torch
 
-    from . import workflow as pipeline
+    from . import workflow
     from .context import Runtime
-    from .model_cache import Models
-    from .scheduler import Turns
+    from .model_cache import ModelCache
+    from .scheduler import Scheduler
 
     torch.set_num_threads(threads)
     storage = open_storage(settings, patience=STORAGE_SECONDS)
     storage.check()
-    models = Models(settings)
-    heart.details = models.execution(settings.default_model)
+    models = ModelCache(settings)
+    heartbeat.details = models.execution(settings.default_model)
     one_caller = numba.threading_layer() == "workqueue"  # type: ignore[attr-defined]
-    runtime = Runtime(settings, storage, engine, models, Turns(always_alone=one_caller))
-    pipeline.install(runtime)
+    runtime = Runtime(settings, storage, engine, models, Scheduler(always_alone=one_caller))
+    workflow.install(runtime)
     retention = Retention(engine, storage, Jobs(engine, storage, settings), settings)
     if stopping.is_set():
         return
     launch(settings, engine)
-    heart.metrics = partial(runtime.measures.text, models.device)
-    heart.state = "ready"
-    heart.beat()
+    heartbeat.metrics = partial(runtime.metrics.text, models.device)
+    heartbeat.state = "ready"
+    heartbeat.beat()
     log.info("worker %s ready on %s", settings.executor_id, models.device)
     recovered = purged = 0.0
     while not stopping.is_set():  # not stopping.wait(): the handler of a signal sets it in this same thread
         time.sleep(0.5)
-        heart.job, heart.points_per_second = runtime.turns.computing, runtime.points_per_second
+        heartbeat.job, heartbeat.points_per_second = runtime.scheduler.computing, runtime.points_per_second
         try:
             if time.monotonic() - recovered > settings.heartbeat_seconds:
                 recovered = time.monotonic()
                 take_over(settings, workers)
-                settle(runtime.attempts)
+                fail_given_up(runtime.attempts)
                 runtime.drop_idle()
             if time.monotonic() - purged > min(PURGE_SECONDS, settings.job_ttl):
                 purged = time.monotonic()
@@ -162,8 +164,8 @@ def serve(settings: Settings, engine: sa.Engine, workers: Workers, heart: Heart,
             log.exception("looking after the queue failed; trying again")
     runtime.stop()
     deadline = time.monotonic() + settings.grace_seconds
-    heart.state = "stopping"
-    not_for_long(heart.beat)
+    heartbeat.state = "stopping"
+    with_time_limit(heartbeat.beat)
     while not runtime.at_rest and time.monotonic() < deadline:
         time.sleep(0.05)
-    not_for_long(runtime.let_go_of_the_rest)
+    with_time_limit(runtime.let_go_of_the_rest)

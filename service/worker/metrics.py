@@ -20,7 +20,7 @@ TILE_BUCKETS = (256, 1024, 4096, 16_384, 65_536, 262_144)
 disable_created_metrics()  # type: ignore[no-untyped-call]
 
 
-class Measures:
+class WorkerMetrics:
     """Counts since this worker process began."""
 
     def __init__(self) -> None:

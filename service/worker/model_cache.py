@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 MODELS_KEPT = 2
 
 
-class Models:
+class ModelCache:
     """Denoisers by name, the least recently used leaving first.
 
     Parameters

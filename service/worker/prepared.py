@@ -54,24 +54,24 @@ def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
     """
     progress = Progress(runtime, job, 0)
     with runtime.preparing(job, progress.check):
-        kept = runtime.kept.get(job.id)
-        if not isinstance(kept, Prepared) or kept.iteration != now.iteration:
-            kept = _prepare(runtime, job, now, progress)
-    if now.order is not None and kept.order != now.order:
+        cached = runtime.cached.get(job.id)
+        if not isinstance(cached, Prepared) or cached.iteration != now.iteration:
+            cached = _prepare(runtime, job, now, progress)
+    if now.order is not None and cached.order != now.order:
         raise PcdnfError(
             "This worker put the points of the cloud into another order than the one that began the job.",
             code=DIFFERS,
             hint="Submit the file again. Workers that share a queue should run on one kind of machine.",
         )
-    return kept
+    return cached
 
 
 def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepared:
     iteration = now.iteration
     with runtime.at_work(job, progress.check), runtime.stage("prepare"):
-        runtime.kept.pop(job.id, None)  # the cloud before may be large
+        runtime.cached.pop(job.id, None)  # the cloud before may be large
         runtime.drop_idle(0)
-        denoiser = settled(runtime, job)
+        denoiser = pinned_model(runtime, job)
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
         normals = given.normals
@@ -89,11 +89,11 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
             should_stop=progress.stop,
         )
         fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
-        runtime.kept[job.id] = fresh
+        runtime.cached[job.id] = fresh
         return fresh
 
 
-def settled(runtime: Runtime, job: Job) -> Denoiser:
+def pinned_model(runtime: Runtime, job: Job) -> Denoiser:
     """Return the job's model, having recorded on what the job runs; the weights may not change under it.
 
     Raises
@@ -109,7 +109,7 @@ def settled(runtime: Runtime, job: Job) -> Denoiser:
             code="model_changed",
             hint="Submit the file again.",
         )
-    if job.share is None and known != known | execution:
+    if job.shard is None and known != known | execution:
         runtime.attempts.update(job.id, execution=known | execution)
     return runtime.models.get(job.parameters["model"])
 

@@ -20,20 +20,22 @@ class Progress:
     ----------
     base : int
         Points done before this step, over all iterations.
-    give_way : callable, optional
+    yield_to_smaller : callable, optional
         See :meth:`Runtime.at_work`.
 
     Attributes
     ----------
-    lent : float
+    yielded_seconds : float
         Seconds in which tiles of other jobs went first.
     """
 
-    def __init__(self, runtime: Runtime, job: Job, base: int, give_way: Callable[[], float] = lambda: 0.0) -> None:
-        self._runtime, self._job, self._base, self._give_way = runtime, job, base, give_way
+    def __init__(
+        self, runtime: Runtime, job: Job, base: int, yield_to_smaller: Callable[[], float] = lambda: 0.0
+    ) -> None:
+        self._runtime, self._job, self._base, self._yield = runtime, job, base, yield_to_smaller
         self._done = 0
-        self.lent = 0.0
-        self._began = self._told = time.monotonic()
+        self.yielded_seconds = 0.0
+        self._began = self._reported = time.monotonic()
 
     def report(self, done: int) -> None:
         """Take note of the points of this step done so far."""
@@ -41,14 +43,16 @@ class Progress:
 
     def stop(self) -> bool:
         """Return whether the job is not wanted any more; looks once a second."""
-        self.lent += self._give_way()
+        self.yielded_seconds += self._yield()
         now = time.monotonic()
-        if now - self._told < POLL_SECONDS:
+        if now - self._reported < POLL_SECONDS:
             return False
-        self._told = now
-        speed = self._runtime.speed(form(self._job)) or (self._done / (now - self._began - self.lent) or None)
+        self._reported = now
+        speed = self._runtime.speed(speed_key(self._job)) or (
+            self._done / (now - self._began - self.yielded_seconds) or None
+        )
         record = self._runtime.record(self._job)
-        return not record.wanted(self._job.work, done=self._base + self._done, points_per_second=speed)
+        return not record.report(self._job.work, done=self._base + self._done, points_per_second=speed)
 
     def check(self) -> None:
         """Raise :class:`pcdnf.denoiser.Stopped` where :meth:`stop` says so."""
@@ -56,7 +60,7 @@ class Progress:
             raise Stopped
 
 
-def form(job: Job) -> str:
+def speed_key(job: Job) -> str:
     """Return what sets a job's speed: its model, and whether it takes the fast form of it."""
     fast = job.parameters.get("fast", False)  # which jobs of before this release have not
     return f"{job.parameters['model']}{' fast' if fast else ''}"

@@ -9,7 +9,7 @@ from dbos import DBOS, DBOSConfig
 
 from ..jobs.attempts import Attempts
 from ..jobs.dbos_contract import APPLICATION_NAME, APPLICATION_VERSION, GIVEN_UP, SERIALIZER
-from ..jobs.lanes import LANES, SHARES_IN_HAND, SHARES_QUEUE
+from ..jobs.lanes import LANES, SHARD_CONCURRENCY, SHARDS_QUEUE
 from ..jobs.worker_registry import Workers
 from ..problems import Problem
 from ..settings import Settings
@@ -32,10 +32,10 @@ def launch(settings: Settings, engine: sa.Engine) -> None:
         "log_level": settings.log_level.upper() if settings.log_level in ("debug", "error") else "WARNING",
     }
     DBOS(config=config)
-    in_hand = {lane.queue: lane.in_hand for lane in LANES} | {SHARES_QUEUE: SHARES_IN_HAND}
-    DBOS.listen_queues(list(in_hand))
+    concurrency = {lane.queue: lane.concurrency for lane in LANES} | {SHARDS_QUEUE: SHARD_CONCURRENCY}
+    DBOS.listen_queues(list(concurrency))
     DBOS.launch()
-    for queue, jobs in in_hand.items():
+    for queue, jobs in concurrency.items():
         DBOS.register_queue(
             queue,
             worker_concurrency=jobs,
@@ -57,7 +57,7 @@ def take_over(settings: Settings, workers: Workers) -> list[str]:
     return lost
 
 
-def settle(attempts: Attempts) -> None:
+def fail_given_up(attempts: Attempts) -> None:
     """Fail the jobs that the engine has given up; a backstop, since the workflow ends its job itself."""
     live = attempts.live()
     if not live:

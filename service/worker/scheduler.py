@@ -18,7 +18,7 @@ POLL_SECONDS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class Request:
     """A job that works, or waits to: for a turn where `left` tells its points still to do, else beside others."""
 
     job: str
@@ -30,14 +30,14 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Turn:
+class Grant:
     """Work that has begun: whether it had to wait, and a way to let others go first, which tells if it did."""
 
     waited: bool
-    give_way: Callable[[], bool]
+    yield_to_smaller: Callable[[], bool]
 
 
-class Turns:
+class Scheduler:
     """Shared by the workflows of one worker.
 
     Parameters
@@ -49,16 +49,16 @@ class Turns:
     def __init__(self, *, always_alone: bool = False) -> None:
         self._always_alone = always_alone
         self._changed = threading.Condition()
-        self._waiting: list[Claim] = []
-        self._working: list[Claim] = []
+        self._waiting: list[Request] = []
+        self._working: list[Request] = []
         self._granted = 0
-        self._kept: Claim | None = None  # does not give way
+        self._pinned: Request | None = None  # does not give way
         self._closed = False
 
     @property
     def computing(self) -> str | None:
         """The job whose tile is being computed."""
-        return next((claim.job for claim in list(self._working) if claim.left is not None), None)
+        return next((request.job for request in list(self._working) if request.left is not None), None)
 
     def close(self) -> None:
         """Let nobody begin any more; what works goes on to its end."""
@@ -76,7 +76,7 @@ class Turns:
         alone: bool = False,
         waits: Callable[[], None],
         poll: Callable[[], None],
-    ) -> Iterator[Turn]:
+    ) -> Iterator[Grant]:
         """Work on a job, as soon as it may.
 
         Parameters
@@ -95,66 +95,70 @@ class Turns:
 
         Yields
         ------
-        Turn
+        Grant
         """
-        claim = Claim(job, submitted, left, alone or self._always_alone, waits, poll)
+        request = Request(job, submitted, left, alone or self._always_alone, waits, poll)
         with self._changed:
-            self._waiting.append(claim)
+            self._waiting.append(request)
         try:
-            yield Turn(self._wait(claim), lambda: self._give_way(claim))
+            yield Grant(self._wait(request), lambda: self._yield_to_smaller(request))
         finally:
             with self._changed:
-                (self._working if claim in self._working else self._waiting).remove(claim)
+                (self._working if request in self._working else self._waiting).remove(request)
                 self._changed.notify_all()
 
-    def _wait(self, claim: Claim) -> bool:
-        if self._begin(claim, 0.0):
+    def _wait(self, request: Request) -> bool:
+        if self._begin(request, 0.0):
             return False
-        claim.waits()
-        while not self._begin(claim, POLL_SECONDS):
-            claim.poll()
+        request.waits()
+        while not self._begin(request, POLL_SECONDS):
+            request.poll()
         return True
 
-    def _give_way(self, claim: Claim) -> bool:
+    def _yield_to_smaller(self, request: Request) -> bool:
         with self._changed:
-            if self._closed or claim is self._kept or any(other.alone for other in (*self._waiting, *self._working)):
+            if (
+                self._closed
+                or request is self._pinned
+                or any(other.alone for other in (*self._waiting, *self._working))
+            ):
                 return False
-            others = [other.left for other in self._waiting if other.left is not None and other.job != claim.job]
-            if all(left >= (claim.left or 0) for left in others):
+            others = [other.left for other in self._waiting if other.left is not None and other.job != request.job]
+            if all(left >= (request.left or 0) for left in others):
                 return False
-            self._working.remove(claim)
-            self._waiting.append(claim)
+            self._working.remove(request)
+            self._waiting.append(request)
             self._changed.notify_all()
-        return self._wait(claim)
+        return self._wait(request)
 
-    def _begin(self, claim: Claim, seconds: float) -> bool:
+    def _begin(self, request: Request, seconds: float) -> bool:
         with self._changed:
-            if not self._changed.wait_for(lambda: self._closed or self._may(claim), seconds) or self._closed:
+            if not self._changed.wait_for(lambda: self._closed or self._may(request), seconds) or self._closed:
                 return False
-            if claim.left is not None:
-                contended = any(other.left is not None for other in self._waiting if other is not claim)
-                self._kept = claim if contended and self._oldest_is_next else None
+            if request.left is not None:
+                contended = any(other.left is not None for other in self._waiting if other is not request)
+                self._pinned = request if contended and self._oldest_is_next else None
                 self._granted += 1
-            self._waiting.remove(claim)
-            self._working.append(claim)
+            self._waiting.remove(request)
+            self._working.append(request)
             return True
 
     @property
     def _oldest_is_next(self) -> bool:
         return self._granted % OLDEST_EVERY == OLDEST_EVERY - 1
 
-    def _may(self, claim: Claim) -> bool:
+    def _may(self, request: Request) -> bool:
         if any(other.alone for other in self._working):
             return False
         first_alone = next((other for other in self._waiting if other.alone), None)
         if first_alone is not None:  # or it might never find the others at rest
-            return claim is first_alone and not self._working
-        if claim.left is None:
+            return request is first_alone and not self._working
+        if request.left is None:
             return True
-        return all(other.left is None for other in self._working) and claim is self._next()
+        return all(other.left is None for other in self._working) and request is self._next()
 
-    def _next(self) -> Claim:
-        tiles = [claim for claim in self._waiting if claim.left is not None]
+    def _next(self) -> Request:
+        tiles = [request for request in self._waiting if request.left is not None]
         if self._oldest_is_next:
-            return min(tiles, key=lambda claim: claim.submitted)
-        return min(tiles, key=lambda claim: (claim.left, claim.submitted))
+            return min(tiles, key=lambda request: request.submitted)
+        return min(tiles, key=lambda request: (request.left, request.submitted))

@@ -11,7 +11,7 @@ from ..settings import Settings
 LOCK_WAIT_SECONDS = 20.0  # for a worker of the same name that is still on its way out
 
 
-class SlotTaken(Exception):
+class SlotTakenError(Exception):
     """Another live process works under this name."""
 
 
@@ -20,7 +20,7 @@ def take_slot(settings: Settings) -> IO[str]:
 
     Raises
     ------
-    SlotTaken
+    SlotTakenError
         If another process keeps holding it.
     """
     folder = settings.data_dir / "locks"
@@ -34,5 +34,5 @@ def take_slot(settings: Settings) -> IO[str]:
         except BlockingIOError:
             if time.monotonic() > deadline:
                 file.close()
-                raise SlotTaken from None
+                raise SlotTakenError from None
             time.sleep(0.2)

@@ -30,11 +30,20 @@ from ..jobs.shards import Part, cut
 from ..problems import CATALOGUE, Problem
 from ..storage.base import own_name, writing
 from ..telemetry import tracing
-from .artifacts import RAW_NORMALS, DiskFull, load_arrays, merged_name, read_upload, store_arrays, tile_name, with_room
+from .artifacts import (
+    INITIAL_NORMALS,
+    DiskFullError,
+    load_arrays,
+    merged_name,
+    read_upload,
+    retry_while_disk_full,
+    store_arrays,
+    tile_name,
+)
 from .context import Runtime
 from .gltf import colours, write_display
-from .prepared import Pass, planned, prepared, settled
-from .progress import Progress, form
+from .prepared import Pass, pinned_model, planned, prepared
+from .progress import Progress, speed_key
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +59,7 @@ def install(runtime: Runtime) -> None:
     _runtime = runtime
 
 
-def shared() -> Runtime:
+def runtime() -> Runtime:
     """Return what was installed."""
     assert _runtime is not None
     return _runtime
@@ -58,44 +67,53 @@ def shared() -> Runtime:
 
 def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
     """Return the problem a failed job shows."""
-    told = {
+    known = {
         "disk_full": ("The service ran out of disk space.", "Try again later."),
         "internal_error": ("The service met an error of its own.", "The log of the worker says more."),
     }
-    known_detail, known_hint = told.get(code, (code, None))
+    known_detail, known_hint = known.get(code, (code, None))
     status = None if code in CATALOGUE else 422
     return Problem(code, detail or known_detail, hint=hint or known_hint, status=status).body()
 
 
-def kept(results: dict[str, Any]) -> frozenset[str]:
+def result_files(results: dict[str, Any]) -> frozenset[str]:
     """Return the files that stay of a job that has succeeded."""
     return frozenset({UPLOAD, DISPLAY, *(result_name(name, facts) for name, facts in results.items())})
 
 
 def sweep(job_id: str) -> None:
     """Remove what is left of a job that has ended, but its results."""
-    job = shared().attempts.get(job_id)
+    job = runtime().attempts.get(job_id)
     if job is None or not job.live:
         results = None if job is None else job.results
-        shared().storage.delete_job(job_id, keep=kept(results) if results else frozenset())
+        runtime().storage.delete_job(job_id, keep=result_files(results) if results else frozenset())
 
 
-def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
-    """Make `function(runtime, job, ...)` a checkpointed step that is called with the job's id."""
+def _step(name: str) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
+    """Make `function(runtime, job, ...)` a checkpointed step that is called with the job's id.
 
+    Parameters
+    ----------
+    name : str
+        The step's name in the job database. It is persisted and does not change with that of the function.
+    """
+    return functools.partial(_as_step, name)
+
+
+def _as_step(name: str, function: Callable[..., Outcome]) -> Callable[..., Outcome]:
     @functools.wraps(function)
-    def told(job_id: str, *arguments: Any) -> Outcome:
-        job = shared().attempts.get(job_id)
+    def step(job_id: str, *arguments: Any) -> Outcome:
+        job = runtime().attempts.get(job_id)
         if job is None or job.status != "running":
             return {"stopped": True}
         try:
-            # In hand is the workflow that this step belongs to: the job's, or that of a share.
-            return with_room(shared(), str(DBOS.workflow_id), lambda: function(shared(), job, *arguments))
+            # The workflow that this step belongs to is the job's, or that of a shard.
+            return retry_while_disk_full(runtime(), str(DBOS.workflow_id), lambda: function(runtime(), job, *arguments))
         except Stopped:
             return {"stopped": True}
         except PcdnfError as error:
             return {"problem": problem_of(error.code, str(error), error.hint)}
-        except DiskFull:
+        except DiskFullError:
             return {"problem": problem_of("disk_full")}
         except MemoryError:
             detail = "The worker has not enough memory for this cloud."
@@ -103,14 +121,14 @@ def _step(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
         finally:
             sweep(job_id)  # a worker that was frozen may have written after the job had ended elsewhere
 
-    return DBOS.step(name=function.__name__, retries_allowed=True, max_attempts=3)(told)
+    return DBOS.step(name=name, retries_allowed=True, max_attempts=3)(step)
 
 
-@_step
+@_step("survey")
 def survey(runtime: Runtime, job: Job) -> Outcome:
     """Measure noise and spacing, and choose what the caller left open."""
     with runtime.at_work(job, Progress(runtime, job, 0).check), runtime.stage("survey"):
-        denoiser = settled(runtime, job)
+        denoiser = pinned_model(runtime, job)
         points = read_upload(runtime, job).points
         asked = job.parameters
         chosen = denoiser.plan(
@@ -123,63 +141,63 @@ def survey(runtime: Runtime, job: Job) -> Outcome:
     return {"iterations": chosen.iterations}
 
 
-@_step
+@_step("plan")
 def plan(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Outcome:
-    """Prepare the cloud of an iteration and cut it into tiles, and these into shares where other workers may help."""
+    """Prepare the cloud of an iteration and cut it into tiles, and these into shards where other workers may help."""
     work = prepared(runtime, job, Pass(iteration, before))
     tiles = [list(tile) for tile in work.cloud.tiles(runtime.settings.tile_points)]
     outcome = {"tiles": tiles, "order": work.order}
     parts = cut(tiles)
-    if parts and runtime.has_peers() and runtime.shares.take(job.id, iteration, len(work.cloud), parts):
+    if parts and runtime.has_peers() and runtime.shards.begin(job.id, iteration, len(work.cloud), parts):
         return outcome | {"shares": parts}
-    runtime.shares.release(job.id)
+    runtime.shards.finish(job.id)
     return outcome
 
 
-@_step
-def denoise_one(runtime: Runtime, job: Job, now: Pass, start: int, stop: int, share: str | None = None) -> Outcome:
-    """Denoise one tile, of a job or of a share of one, and store it."""
-    if share is not None:
-        job = runtime.shares.part_of(job, share)
+@_step("denoise_one")
+def denoise_tile(runtime: Runtime, job: Job, now: Pass, start: int, stop: int, shard: str | None = None) -> Outcome:
+    """Denoise one tile, of a job or of a shard of one, and store it."""
+    if shard is not None:
+        job = runtime.shards.part_of(job, shard)
     work = prepared(runtime, job, now)
     base = now.iteration * len(work.cloud)
     done, model, name = base + start, job.parameters["model"], tile_name(now.iteration, start)
     left = job.total - job.done
-    with runtime.at_work(job, Progress(runtime, job, done).check, left=left) as give_way, tracing.span("tile"):
-        progress = Progress(runtime, job, done, give_way)
+    with runtime.at_work(job, Progress(runtime, job, done).check, left=left) as yield_to_smaller, tracing.span("tile"):
+        progress = Progress(runtime, job, done, yield_to_smaller)
         began = time.monotonic()
         tile = work.denoiser.denoise_tile(work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
-        seconds = time.monotonic() - began - progress.lent
-        runtime.measured(form(job), stop - start, seconds)
-        runtime.measures.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)
+        seconds = time.monotonic() - began - progress.yielded_seconds
+        runtime.measured(speed_key(job), stop - start, seconds)
+        runtime.metrics.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)
         store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
-        runtime.record(job).finished_tile(job.work, done=base + stop, points_per_second=runtime.speed(form(job)))
+        runtime.record(job).finished_tile(job.work, done=base + stop, points_per_second=runtime.speed(speed_key(job)))
     log.info("job %s iteration %d tile %d-%d done", job.id, now.iteration, start, stop)
     return {"file": name}
 
 
-@_step
+@_step("gather")
 def gather(runtime: Runtime, job: Job, ids: list[str]) -> Outcome:
-    """Wait until all shares of an iteration are done, wherever; return what became of each."""
-    runtime.attempts.park(job.id)  # whoever dies now dies of a share, which counts for itself
+    """Wait until all shards of an iteration are done, wherever; return what became of each."""
+    runtime.attempts.release(job.id)  # whoever dies now dies of a shard, which counts for itself
     while True:
         found = {each.workflow_id: each for each in DBOS.list_workflows(workflow_ids=ids, load_input=False)}
-        outcomes = [found[share].output if found[share].status == "SUCCESS" else None for share in ids]
+        outcomes = [found[shard].output if found[shard].status == "SUCCESS" else None for shard in ids]
         ended = next((each for each in outcomes if each and not each.keys() & {"files", "declined"}), None)
         if any(each.status in GIVEN_UP for each in found.values()):
             ended = {"problem": problem_of("internal_error")}
         if ended is None and None not in outcomes:
-            runtime.attempts.resume(job.id)
+            runtime.attempts.reacquire(job.id)
             return {"outcomes": outcomes}
         runtime.pause_if_stopping(job.work)
         now = runtime.attempts.get(job.id)
         if ended is not None or now is None or now.status != "running":
-            DBOS.cancel_workflows([share for share in ids if found[share].status == "ENQUEUED"])
+            DBOS.cancel_workflows([shard for shard in ids if found[shard].status == "ENQUEUED"])
             return ended or {"stopped": True}
         time.sleep(runtime.settings.poll_seconds)
 
 
-@_step
+@_step("merge")
 def merge(runtime: Runtime, job: Job, now: Pass, tiles: Part, files: list[str]) -> Outcome:
     """Put the tiles of an iteration back into the order of the input."""
     cloud = prepared(runtime, job, now).cloud
@@ -188,7 +206,7 @@ def merge(runtime: Runtime, job: Job, now: Pass, tiles: Part, files: list[str]) 
         points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
         flagged = np.zeros(len(cloud), bool)
         if now.before is None:
-            store_arrays(runtime, job.id, RAW_NORMALS, normals=cloud.normals)
+            store_arrays(runtime, job.id, INITIAL_NORMALS, normals=cloud.normals)
         else:
             flagged |= load_arrays(runtime, job.id, now.before)["flagged"]
         for (start, stop), file in zip(tiles, files, strict=True):
@@ -198,11 +216,11 @@ def merge(runtime: Runtime, job: Job, now: Pass, tiles: Part, files: list[str]) 
             flagged[rows] |= tile["flagged"]
         name = merged_name(now.iteration)
         store_arrays(runtime, job.id, name, points=points, normals=normals, flagged=flagged)
-    runtime.shares.release(job.id)
+    runtime.shards.finish(job.id)
     return {"file": name}
 
 
-@_step
+@_step("finish")
 def finish(runtime: Runtime, job: Job, last: str) -> Outcome:
     """Write the result as it came in, as PLY and as NPZ, all that repeats the run, and what the page draws."""
     with runtime.at_work(job, Progress(runtime, job, job.total).check), runtime.stage("result"):
@@ -241,7 +259,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
             path,
             before=given.points,
             after=merged["points"],
-            raw_normals=load_arrays(runtime, job.id, RAW_NORMALS)["normals"],
+            raw_normals=load_arrays(runtime, job.id, INITIAL_NORMALS)["normals"],
             normals=normals,
             colour=colours(given),
         )

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...problems import CATALOGUE, Problem
 from ...settings import Settings
-from ..sandbox import Children
+from ..sandbox import Sandbox
 from .parameters import Parameters
 
 MINIMUM_POINTS = 16  # what the denoiser needs; a test compares the two
@@ -30,12 +30,12 @@ class Inspector:
 
     Parameters
     ----------
-    children : Children
+    sandbox : Sandbox
     settings : Settings
     """
 
-    def __init__(self, children: Children, settings: Settings) -> None:
-        self._children = children
+    def __init__(self, sandbox: Sandbox, settings: Settings) -> None:
+        self._sandbox = sandbox
         self._settings = settings
 
     async def inspect(self, path: Path, parameters: Parameters, *, text: bool) -> Inspection:
@@ -53,7 +53,7 @@ class Inspector:
             "nonfinite": parameters.nonfinite,
         }
         options = ["--limits-json", json.dumps(limits), *(["--text"] if text else [])]
-        answer = await self._children.ask("pcdnf.formats.sandbox.check", str(path), *options)
+        answer = await self._sandbox.ask("pcdnf.formats.sandbox.check", str(path), *options)
         if not answer["ok"]:
             raise file_problem(answer)
         found = Inspection(answer["format"], answer["points"], answer["has_normals"], answer["warnings"])

@@ -16,10 +16,9 @@ from ...problems import Problem
 from ...telemetry import logs
 from ..middleware.access_log import timed
 from ..state import State
-from . import upload as uploads
 from .idempotency import Claim, Claims, fingerprint, idempotency_key
 from .parameters import Parameters, job_parameters
-from .upload import Upload
+from .upload import Upload, declared_bytes, receive
 
 log = logging.getLogger(__name__)
 
@@ -33,30 +32,30 @@ async def accept(request: Request, state: State, owner: str) -> Job:
         For everything a caller can do wrong, and for want of room.
     """
     settings = state.settings
-    state.stop.check_open()
+    state.shutdown.check_open()
     query = request.query_params.multi_items()
     job_parameters(query, settings)  # before the body is read
     async with state.claims.held(owner, idempotency_key(request)) as claim:
-        expected = min(uploads.declared_bytes(request), settings.max_upload_bytes)
+        expected = min(declared_bytes(request), settings.max_upload_bytes)
         fresh = claim is None or claim.job is None
         if fresh:  # before the body is read
             await run_in_threadpool(state.jobs.check_room, owner, Load(1, expected, 1))
             await run_in_threadpool(state.retention.make_room, expected)
         path = state.storage.scratch()
         with timed("upload", state.metrics):
-            upload = await uploads.receive(request, path, settings)
+            upload = await receive(request, path, settings)
         try:
             if fresh and upload.size > expected:  # its length was not told; now the file is among what is there
                 await run_in_threadpool(state.retention.make_room)
             parameters = job_parameters([*query, *upload.fields], settings)
             if claim is not None and claim.job is not None:
-                return await run_in_threadpool(_again, state, claim, upload, parameters)
+                return await run_in_threadpool(_replay, state, claim, upload, parameters)
             return await _queue(state, owner, path, upload, parameters, claim)
         finally:
             path.unlink(missing_ok=True)
 
 
-def _again(state: State, claim: Claim, upload: Upload, parameters: Parameters) -> Job:
+def _replay(state: State, claim: Claim, upload: Upload, parameters: Parameters) -> Job:
     """Return the job that an equal request made before."""
     claim.check(fingerprint(upload.sha256, upload.name, parameters.model_dump()))
     assert claim.job is not None

@@ -41,7 +41,7 @@ def timed(stage: str, metrics: ApiMetrics) -> Iterator[None]:
             timings[stage] = timings.get(stage, 0.0) + seconds
 
 
-class Observer:
+class AccessLog:
     """Sees every request come and go.
 
     Parameters
@@ -97,11 +97,11 @@ class Observer:
                     }
                     span.update_name(f"{method} {route}")
                     span.set_attributes(attributes)
-                    self._tell(scope, attributes, seconds)
+                    self._log_request(scope, attributes, seconds)
         finally:
             _timings.reset(token)
 
-    def _tell(self, scope: Scope, attributes: dict[str, str | int], seconds: float) -> None:
+    def _log_request(self, scope: Scope, attributes: dict[str, str | int], seconds: float) -> None:
         method, route, status = attributes.values()
         job = scope.get("path_params", {}).get("job_id")
         with logs.about(**({"job_id": job} if job and _ID.fullmatch(job) else {})):

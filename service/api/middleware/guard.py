@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ...problems import Problem, unexpected
 from ..error_handlers import respond
-from ..shutdown import Stop
+from ..shutdown import Shutdown
 
 POLICY = "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
 """The ``Content-Security-Policy`` of every response."""
@@ -39,13 +39,13 @@ class Guard:
     ----------
     app : ASGI application
     max_requests : int
-    stop : Stop
+    shutdown : Shutdown
         Told how many requests are in hand.
     """
 
-    def __init__(self, app: ASGIApp, max_requests: int, stop: Stop) -> None:
+    def __init__(self, app: ASGIApp, max_requests: int, shutdown: Shutdown) -> None:
         self._app = app
-        self._stop = stop
+        self._shutdown = shutdown
         self._max = max_requests
         self._running = 0
 
@@ -74,9 +74,9 @@ class Guard:
             )
             await respond(problem, Request(scope))(scope, receive, guarded)
             return
-        counts = not self._stop.begun
+        counts = not self._shutdown.begun
         self._running += 1
-        self._stop.in_hand += counts
+        self._shutdown.in_flight += counts
         try:
             await self._app(scope, receive, guarded)
         except Exception:
@@ -86,4 +86,4 @@ class Guard:
             await respond(unexpected(), Request(scope))(scope, receive, guarded)
         finally:
             self._running -= 1
-            self._stop.in_hand -= counts
+            self._shutdown.in_flight -= counts

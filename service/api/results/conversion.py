@@ -14,7 +14,7 @@ from ...jobs.store import Jobs
 from ...problems import Problem, disk_full, job_expired
 from ...storage.base import Storage, own_name
 from ..intake.inspection import file_problem
-from ..sandbox import Children
+from ..sandbox import Sandbox
 
 GROWTH = 2  # room made for a format, in sizes of the one that came in
 
@@ -24,15 +24,15 @@ class Converter:
 
     Parameters
     ----------
-    children : Children
+    sandbox : Sandbox
     jobs : Jobs
     storage : Storage
     retention : Retention
         Makes room for what is written.
     """
 
-    def __init__(self, children: Children, jobs: Jobs, storage: Storage, retention: Retention) -> None:
-        self._children, self._jobs, self._storage, self._retention = children, jobs, storage, retention
+    def __init__(self, sandbox: Sandbox, jobs: Jobs, storage: Storage, retention: Retention) -> None:
+        self._sandbox, self._jobs, self._storage, self._retention = sandbox, jobs, storage, retention
         self._turn = asyncio.Lock()
 
     async def with_format(self, job: Job, format_: str) -> Job:
@@ -71,7 +71,7 @@ class Converter:
         with ExitStack() as stack:
             stack.callback(scratch.unlink, missing_ok=True)
             source = await run_in_threadpool(stack.enter_context, self._storage.reading(result_file(job, own)))
-            answer = await self._children.ask("pcdnf.formats.sandbox.convert", str(source), str(scratch), format_)
+            answer = await self._sandbox.ask("pcdnf.formats.sandbox.convert", str(source), str(scratch), format_)
             if answer.get("code") == "disk_full":
                 raise disk_full()
             if not answer["ok"]:

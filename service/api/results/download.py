@@ -21,7 +21,7 @@ MEDIA_TYPES = {name: FORMATS[name].media_type for name in available()}
 _RANGE = re.compile(r"^bytes=(\d{0,18})-(\d{0,18})$", re.ASCII)  # no file is longer
 
 
-def wanted(request: Request, job: Job, format_: str | None) -> str:
+def chosen_format(request: Request, job: Job, format_: str | None) -> str:
     """Return the format to answer with: `format_`, else by ``Accept``, else the one that came in.
 
     Raises

@@ -15,7 +15,7 @@ from pcdnf.file_formats import FORMATS
 from ... import problems
 from ...jobs.job import FINISHED, Job
 from ...problems import Problem
-from .. import sse as events
+from .. import sse
 from ..auth import caller
 from ..intake.parameters import only_query
 from ..intake.submission import accept
@@ -33,7 +33,7 @@ from ..openapi import (
     RESULT_RESPONSES,
     errors,
 )
-from ..results import download as results
+from ..results import download
 from ..schemas import JobView, job_view, retry_after
 from ..state import State, StateIn
 from ..watch import Follower, preferred_wait
@@ -57,8 +57,8 @@ JobIn = Annotated[Job, Depends(_job)]
 
 
 async def _follower(state: StateIn, job: JobIn) -> AsyncIterator[Follower]:
-    outlook = await run_in_threadpool(state.jobs.outlook, job)
-    with state.watch.following(job, outlook) as follower:
+    eta = await run_in_threadpool(state.jobs.eta, job)
+    with state.watch.following(job, eta) as follower:
         yield follower  # until the response has been sent
 
 
@@ -104,7 +104,7 @@ def jobs(
     last = None if before is None else state.jobs.status(before, owner)
     if before is not None and last is None:
         raise Problem("invalid_parameters", "before: there is no such job.")
-    return [job_view(job, state.jobs.outlook(job)) for job in state.jobs.page(owner, limit=limit, before=last)]
+    return [job_view(job, state.jobs.eta(job)) for job in state.jobs.page(owner, limit=limit, before=last)]
 
 
 @router.get(
@@ -129,9 +129,9 @@ async def follow(
     last_event_id: Annotated[str | None, Header(description="`id` of the last event that arrived")] = None,
 ) -> Response:
     """Follow a job: server-sent events named `job`, each with the whole job, until it has finished."""
-    if not follower.job.live and last_event_id == events.event_id(follower.job, follower.outlook):
+    if not follower.job.live and last_event_id == sse.event_id(follower.job, follower.eta):
         return Response(status_code=204)  # the browser's EventSource stops coming back
-    return events.respond(follower, last_event_id)
+    return sse.respond(follower, last_event_id)
 
 
 @router.post(
@@ -197,10 +197,10 @@ async def result(
     """Return the denoised cloud, as the format that came in or as the one asked for."""
     if job.status != "succeeded":
         raise await run_in_threadpool(_no_result, state, job)
-    name = results.wanted(request, job, format_)
+    name = download.chosen_format(request, job, format_)
     if name not in (job.results or {}):
         job = await state.converter.with_format(job, name)
-    return await run_in_threadpool(results.respond, request, job, state.storage, name)
+    return await run_in_threadpool(download.respond, request, job, state.storage, name)
 
 
 @router.get(
@@ -212,13 +212,13 @@ async def result(
 def display(request: Request, state: StateIn, job: JobIn) -> Response:
     """Return what the page at `/` draws: at most a million points before and after, as binary glTF."""
     if job.status == "succeeded":
-        return results.respond_display(request, job, state.storage)
+        return download.respond_display(request, job, state.storage)
     raise _no_result(state, job)
 
 
 def _no_result(state: State, job: Job) -> Problem:
     if job.live and job.status != "cancelling":
-        wait = {"Retry-After": retry_after(state.jobs.outlook(job))}
+        wait = {"Retry-After": retry_after(state.jobs.eta(job))}
         return Problem("job_not_finished", f"The job is {job.status}.", hint="Ask again later.", headers=wait)
     if job.status == "failed":
         cause = job.problem or {}
@@ -228,15 +228,15 @@ def _no_result(state: State, job: Job) -> Problem:
 
 
 def _shown(request: Request, state: State, job: Job, status: int) -> Response:
-    outlook = state.jobs.outlook(job)
-    response = JSONResponse(job_view(job, outlook).model_dump(mode="json"), status_code=status)
+    eta = state.jobs.eta(job)
+    response = JSONResponse(job_view(job, eta).model_dump(mode="json"), status_code=status)
     if job.live:
-        response.headers["Retry-After"] = "1" if job.status == "cancelling" else retry_after(outlook)
+        response.headers["Retry-After"] = "1" if job.status == "cancelling" else retry_after(eta)
     if status == 200 and request.method == "GET":
         etag = _etag(bytes(response.body))
-        if results.matches(request.headers.get("if-none-match"), etag):
-            kept = {name: response.headers[name] for name in ("retry-after",) if name in response.headers}
-            return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "private, no-cache"} | kept)
+        if download.matches(request.headers.get("if-none-match"), etag):
+            retry = {name: response.headers[name] for name in ("retry-after",) if name in response.headers}
+            return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "private, no-cache"} | retry)
         response.headers["ETag"] = etag
     response.headers["Cache-Control"] = "private, no-cache"
     return response
@@ -251,7 +251,7 @@ def _check_unchanged(request: Request, state: State, job: Job) -> None:
     wanted = request.headers.get("if-match")
     if wanted is None or wanted.strip() == "*":
         return
-    now = _etag(bytes(JSONResponse(job_view(job, state.jobs.outlook(job)).model_dump(mode="json")).body))
+    now = _etag(bytes(JSONResponse(job_view(job, state.jobs.eta(job)).model_dump(mode="json")).body))
     if now not in [tag.strip() for tag in wanted.split(",")]:
         raise Problem(
             "precondition_failed",

@@ -10,8 +10,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from service.api.metrics import ApiMetrics, Deployment
 from service.database.tables import jobs as table
-from service.jobs import drain_switch as switches
-from service.worker.metrics import STAGES, Measures
+from service.jobs import drain_switch
+from service.worker.metrics import STAGES, WorkerMetrics
 from tests.support.board import Board
 from tests.support.service_process import Served, Service
 
@@ -78,11 +78,11 @@ def test_names_and_labels_keep_to_prometheus_rules(running: Service) -> None:
 
 def test_the_queue(make_served: Any, board: Board) -> None:
     running, queued = board.submit(points=100, iterations=2, size=7), board.submit(points=30)
-    board.attempts.open(running.id)
-    board.attempts.wanted(running.id, done=60, points_per_second=1.0)
+    board.attempts.acquire(running.id)
+    board.attempts.report(running.id, done=60, points_per_second=1.0)
     with board.engine.begin() as connection:
         connection.execute(table.update().where(table.c.id == queued.id).values(created_at=table.c.created_at - 90_000))
-        switches.turn(connection, switches.DRAIN, on=True)
+        drain_switch.set_switch(connection, drain_switch.DRAIN, on=True)
     page = make_served(max_queued_points=999, disk_budget_bytes=10**9).client.get("/metrics").text
     assert value(page, "pcdnf_unfinished_jobs", status="queued") == 1
     assert value(page, "pcdnf_unfinished_points", status="queued") == 30
@@ -97,7 +97,7 @@ def test_the_queue(make_served: Any, board: Board) -> None:
 
 def test_every_worker_is_shown_by_every_api(make_served: Any, board: Board) -> None:
     for name, points in (("a", 10), ("b", 32)):
-        measures = Measures()
+        measures = WorkerMetrics()
         measures.tile("pcdnf-lite", "cpu", points, 256, 0.5)
         details = {
             "device": "cpu",
@@ -163,7 +163,7 @@ SUFFIXES = {"histogram": ("_bucket", "_sum", "_count"), "counter": ("_total",), 
 def test_the_dashboard_asks_for_what_there_is(board: Board) -> None:
     metrics = ApiMetrics()
     metrics.registry.register(Deployment(board.engine, board.storage, board.settings))
-    board.workers.beat("a", pid=1, state="ready", details={}, metrics=Measures().text("cpu"))
+    board.workers.beat("a", pid=1, state="ready", details={}, metrics=WorkerMetrics().text("cpu"))
     known = {
         family.name + suffix for family in metrics.registry.collect() for suffix in SUFFIXES.get(family.type, ("",))
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.api.sandbox import Children
+from service.api.sandbox import Sandbox
 from service.problems import Problem
 from service.settings import Settings
 
@@ -26,12 +26,12 @@ def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_answer() -> None:
-    assert asyncio.run(Children(Settings()).ask("ends_well", "argument")) == {"ok": True}
+    assert asyncio.run(Sandbox(Settings()).ask("ends_well", "argument")) == {"ok": True}
 
 
 @pytest.mark.parametrize(("module", "status"), [("is_killed", -9), ("aborts", -6)])
 def test_a_child_that_a_signal_ends_had_no_memory(module: str, status: int, caplog: pytest.LogCaptureFixture) -> None:
-    answer = asyncio.run(Children(Settings()).ask(module))
+    answer = asyncio.run(Sandbox(Settings()).ask(module))
     assert (answer["ok"], answer["code"]) == (False, "not_enough_memory")
     assert answer["hint"]
     assert f"{module} ended with status {status}" in caplog.text
@@ -40,7 +40,7 @@ def test_a_child_that_a_signal_ends_had_no_memory(module: str, status: int, capl
 def test_a_child_with_a_defect_is_the_services_fault(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.ERROR)
     with pytest.raises(Problem) as caught:
-        asyncio.run(Children(Settings()).ask("is_broken"))
+        asyncio.run(Sandbox(Settings()).ask("is_broken"))
     assert (caught.value.code, caught.value.status) == ("internal_error", 500)
     assert "is_broken ended with status 1" in caplog.text
     assert "somebody.ply" not in caplog.text

@@ -88,7 +88,7 @@ def test_the_plan_and_the_true_total_are_told_before_the_first_tile(
     with served.client.stream("GET", f"/jobs/{job}/events") as response:
         told = _events(response)
         next(told), next(told)
-        attempts.open(job)
+        attempts.acquire(job)
         attempts.update(job, execution=runs)
         assert json.loads(next(told)["data"])["status"] == "running"
         plan = {"noise": 0.1, "spacing": 0.1, "radii": [0.1, 0.1, 0.1]}

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from service.api.watch import LOOK_SECONDS, Watch
-from service.jobs.eta import Outlook
+from service.jobs.eta import Eta
 from service.problems import Problem
 from tests.support.board import Board
 
@@ -39,7 +39,7 @@ def test_waiting_costs_no_thread_and_one_look_for_all(board: Board) -> None:
         assert threading.active_count() < 20
         assert watch.looks <= 1 + 1.0 / LOOK_SECONDS
         for job in jobs:
-            board.attempts.open(job.id)
+            board.attempts.acquire(job.id)
             board.attempts.succeed(job.id, {}, [])
         began = time.monotonic()
         ended = await asyncio.gather(*waiting)
@@ -98,7 +98,7 @@ def test_the_database_may_stumble(board: Board) -> None:
 
 def test_bounded_and_closed(board: Board) -> None:
     job = board.submit()
-    nothing = Outlook(None, None)
+    nothing = Eta(None, None)
 
     async def main() -> None:
         watch = Counted(board, most=1)

@@ -15,11 +15,11 @@ from service.api.intake.idempotency import Claims
 from service.api.metrics import Deployment
 from service.database.engine import CONNECTION, create_engine
 from service.database.migrations import migrate
-from service.jobs import drain_switch as switches
+from service.jobs import drain_switch
 from service.operations.drain import drain
 from service.problems import Problem
 from service.settings import Settings
-from service.worker.metrics import Measures
+from service.worker.metrics import WorkerMetrics
 from tests.support.board import open_board, submit_at_once
 from tests.support.servers import postgresql
 from tests.support.service_process import Service, write_sphere
@@ -53,10 +53,10 @@ def test_upgrade_outcomes_switches_and_metrics(database_url: str, tmp_path: Path
             connection.execute(sa.text("ALTER TABLE pcdnf_workers DROP COLUMN metrics"))
         migrate(settings)
         fails, queued, waits = board.submit(), board.submit(), board.submit(points=30)
-        board.attempts.open(fails.id)
+        board.attempts.acquire(fails.id)
         assert board.attempts.fail(fails.id, {"code": "worker_lost"})
         board.jobs.cancel(queued)
-        board.workers.beat("a", pid=1, state="ready", details={}, metrics=Measures().text("cpu"))
+        board.workers.beat("a", pid=1, state="ready", details={}, metrics=WorkerMetrics().text("cpu"))
         drain(settings, on=True, wait=False)
         with pytest.raises(Problem, match="no new jobs"):
             board.submit()
@@ -112,11 +112,11 @@ def test_who_freezes_in_a_transaction_loses_its_locks(
         frozen = create_engine(settings)
         with frozen.connect() as connection:
             connection.execute(sa.text("UPDATE pcdnf_jobs SET losses = 9"))
-            assert board.attempts.open(job.id) is not None  # waits for the lock
+            assert board.attempts.acquire(job.id) is not None  # waits for the lock
             with pytest.raises(sa.exc.DBAPIError) as caught:
                 connection.execute(sa.text("SELECT 1"))
             assert caught.value.connection_invalidated  # for which a worker tries again
-        assert board.now(job).losses == 0
+        assert board.now(job).crashes == 0
         frozen.dispose()
 
 
@@ -124,10 +124,10 @@ def test_two_who_drain_at_once_agree(database_url: str, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=database_url)
     with open_board(settings) as board, ThreadPoolExecutor() as pool:
         with board.engine.begin() as connection:
-            switches.turn(connection, switches.DRAIN, on=True)
+            drain_switch.set_switch(connection, drain_switch.DRAIN, on=True)
             other = pool.submit(drain, settings, on=True, wait=False)
             with pytest.raises(TimeoutError):
                 other.result(5)  # it waits for this transaction
         other.result(30)
         with board.engine.connect() as connection:
-            assert switches.is_on(connection, switches.DRAIN)
+            assert drain_switch.is_on(connection, drain_switch.DRAIN)

@@ -26,8 +26,8 @@ def test_the_queue_is_bounded_in_points(make_board: Callable[..., Board]) -> Non
     assert (problem.code, problem.status) == ("queue_full", 503)
     assert {"limit": 1000, "actual": 1001, "unit": "points"}.items() <= problem.members.items()
     assert problem.members["hint"]
-    board.attempts.open(first.id)
-    board.attempts.wanted(first.id, done=100, points_per_second=None)  # what is done makes room
+    board.attempts.acquire(first.id)
+    board.attempts.report(first.id, done=100, points_per_second=None)  # what is done makes room
     board.submit(owner="eve", points=100)
     assert _refused(board, owner="eve", points=1).code == "queue_full"
     board.attempts.succeed(first.id, {}, [])

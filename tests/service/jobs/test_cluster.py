@@ -13,7 +13,7 @@ from tests.support.cluster import Cluster
 from tests.support.servers import postgresql
 from tests.support.service_process import write_sphere
 
-POINTS, ITERATIONS = 5000, 2  # 20 tiles, 5 shares an iteration
+POINTS, ITERATIONS = 5000, 2  # 20 tiles, 5 shards an iteration
 
 
 @pytest.fixture(scope="module")
@@ -70,9 +70,9 @@ def test_a_large_cloud_is_shared_and_the_result_is_the_same(
     told = cluster.ended(api, job)
     assert told["status"] == "succeeded", told["problem"]
     assert told["progress"]["done"] == told["progress"]["total"] == POINTS * ITERATIONS
-    share = _workers(cluster, job)
-    assert sum(share.values()) == ITERATIONS * 20
-    assert min(share.values()) >= 4  # nobody looked on
+    shard = _workers(cluster, job)
+    assert sum(shard.values()) == ITERATIONS * 20
+    assert min(shard.values()) >= 4  # nobody looked on
     assert api.get(f"/jobs/{job}/result").content == alone
 
 
@@ -155,9 +155,9 @@ def test_a_shared_folder_does_as_well_as_a_bucket(cloud: Path, alone: bytes, tmp
         job = cluster.submit(api, cloud, iterations=ITERATIONS)
         told = cluster.ended(api, job)
         assert told["status"] == "succeeded", told["problem"]
-        share = _workers(cluster, job)
-        assert sum(share.values()) == ITERATIONS * 20
-        assert min(share.values()) >= 4
+        shard = _workers(cluster, job)
+        assert sum(shard.values()) == ITERATIONS * 20
+        assert min(shard.values()) >= 4
         assert api.get(f"/jobs/{job}/result").content == alone
         assert api.delete(f"/jobs/{job}").status_code in (200, 204)
         assert [path for path in folder.rglob("*") if path.is_file()] == []

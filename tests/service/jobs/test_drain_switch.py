@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from service.jobs import drain_switch as switches
+from service.jobs import drain_switch
 from service.jobs.admission import Load
 from service.problems import Problem
 from tests.support.board import Board
@@ -14,7 +14,7 @@ from tests.support.service_process import Served
 
 def _turn(board: Board, *, on: bool) -> None:
     with board.engine.begin() as connection:
-        switches.turn(connection, switches.DRAIN, on=on)
+        drain_switch.set_switch(connection, drain_switch.DRAIN, on=on)
 
 
 def test_a_drained_service_takes_no_jobs_and_loses_none(board: Board) -> None:
@@ -26,7 +26,7 @@ def test_a_drained_service_takes_no_jobs_and_loses_none(board: Board) -> None:
             refused()
         assert (caught.value.code, caught.value.status, caught.value.headers["Retry-After"]) == ("draining", 503, "60")
     assert board.jobs.status(before.id, "ada") == before
-    assert board.attempts.open(before.id) is not None  # and it is worked off
+    assert board.attempts.acquire(before.id) is not None  # and it is worked off
     for _ in range(2):
         _turn(board, on=False)
     board.submit()

@@ -14,7 +14,7 @@ def _counted(board: Board) -> dict[tuple[str, str], int]:
 def test_every_end_is_counted_once(board: Board) -> None:
     succeeds, fails, cancelled, dequeued = (board.submit() for _ in range(4))
     for job in (succeeds, fails, cancelled):
-        board.attempts.open(job.id)
+        board.attempts.acquire(job.id)
     assert board.attempts.succeed(succeeds.id, {}, [])
     assert not board.attempts.succeed(succeeds.id, {}, [])
     assert board.attempts.fail(fails.id, {"code": "worker_lost"})

@@ -20,7 +20,7 @@ from tests.support.service_process import Service
 def _finished(board: Board, size: int = 100, status: str = "succeeded", owner: str = "ada") -> Job:
     """Return a job that has ended, whose files have so many bytes."""
     job = board.submit(owner=owner)
-    board.attempts.open(job.id)
+    board.attempts.acquire(job.id)
     if status == "succeeded":
         board.attempts.succeed(job.id, {}, [])
     else:
@@ -154,7 +154,7 @@ def test_the_worker_looks_after_it(tmp_path: Path, small: Path) -> None:
 def test_purge_keeps_the_row_of_an_expired_job_for_a_while(board: Board) -> None:
     kept, expired, live = board.submit(), board.submit(), board.submit()
     for job in (kept, expired):
-        board.attempts.open(job.id)
+        board.attempts.acquire(job.id)
         board.attempts.succeed(job.id, {}, [])
     board.set(expired.id, expires_at=1)
     assert board.jobs.expired(board.now(expired))

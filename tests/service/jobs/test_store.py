@@ -83,7 +83,7 @@ def test_cancel_queued_goes_at_once(board: Board) -> None:
     assert cancelled.expires_at is not None
     assert board.engine_state(job) == "CANCELLED"
     assert not board.path(job, UPLOAD).exists()
-    assert board.attempts.open(job.id) is None
+    assert board.attempts.acquire(job.id) is None
 
 
 def test_a_cancel_that_is_cut_off_is_the_workers_to_finish(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,12 +100,12 @@ def test_a_cancel_that_is_cut_off_is_the_workers_to_finish(board: Board, monkeyp
 
 def test_cancel_running_waits_for_the_worker(board: Board) -> None:
     job = board.submit()
-    board.attempts.open(job.id)
+    board.attempts.acquire(job.id)
     cancelled = board.jobs.cancel(job)  # the caller still thinks it is queued
     assert cancelled is not None
     assert cancelled.status == "cancelling"
     assert board.path(job, UPLOAD).exists()
-    assert not board.attempts.wanted(job.id, done=1, points_per_second=None)
+    assert not board.attempts.report(job.id, done=1, points_per_second=None)
     assert not board.attempts.succeed(job.id, {}, [])
     assert not board.attempts.fail(job.id, {})
     assert board.attempts.cancel(job.id)
@@ -114,7 +114,7 @@ def test_cancel_running_waits_for_the_worker(board: Board) -> None:
 
 def test_cancel_that_comes_too_late(board: Board) -> None:
     job = board.submit()
-    board.attempts.open(job.id)
+    board.attempts.acquire(job.id)
     board.attempts.succeed(job.id, {}, [])
     late = board.jobs.cancel(job)
     assert late is not None
@@ -124,7 +124,7 @@ def test_cancel_that_comes_too_late(board: Board) -> None:
 def test_remove(board: Board) -> None:
     job = board.submit()
     assert not board.jobs.remove(job)
-    board.attempts.open(job.id)
+    board.attempts.acquire(job.id)
     board.attempts.succeed(job.id, {}, [])
     assert board.jobs.remove(job)
     assert board.jobs.status(job.id, "ada") is None

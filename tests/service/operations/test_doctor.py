@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.jobs import drain_switch as switches
+from service.jobs import drain_switch
 from service.operations.doctor import Finding, examine
 from service.settings import Settings
 from tests.support.board import Board
@@ -72,7 +72,7 @@ def test_a_running_service(running: Service) -> None:
 
 def test_a_service_without_a_worker_and_drained(make_served: Any, board: Board) -> None:
     with board.engine.begin() as connection:
-        switches.turn(connection, switches.DRAIN, on=True)
+        drain_switch.set_switch(connection, drain_switch.DRAIN, on=True)
     found = _found(Settings(data_dir=board.settings.data_dir, port=make_served().address[1]))
     assert found["service"][0].level == "problem"
     assert "No worker is running." in found["service"][0].text

@@ -106,5 +106,5 @@ def test_without_the_extra_it_says_what_to_install() -> None:
     )
     environment = {"OTEL_EXPORTER_OTLP_ENDPOINT": "http://127.0.0.1:1"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
-    assert "TracesMissing" in done.stderr
+    assert "TracesMissingError" in done.stderr
     assert "pip install 'pcdnf[traces]'" in done.stderr

@@ -8,7 +8,7 @@ import pytest
 
 from service.jobs.job import Job
 from service.worker.context import SPEED_WEIGHT, Runtime
-from service.worker.scheduler import Turns
+from service.worker.scheduler import Scheduler
 from tests.support.board import Board
 
 
@@ -27,11 +27,11 @@ def _dies() -> None:
 def _runtime(board: Board) -> Runtime:
     """Return what a worker process that has just been started works with; no test here loads a model."""
     models: Any = None
-    return Runtime(board.settings, board.storage, board.engine, models, Turns())
+    return Runtime(board.settings, board.storage, board.engine, models, Scheduler())
 
 
 def _open(board: Board, job: Job) -> Job:
-    opened = board.attempts.open(job.id)
+    opened = board.attempts.acquire(job.id)
     assert opened is not None
     return opened
 
@@ -39,15 +39,15 @@ def _open(board: Board, job: Job) -> Job:
 def test_a_job_that_waits_is_not_to_blame(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.worker.scheduler.POLL_SECONDS", 0.02)
     guilty, innocent = board.submit(), board.submit()
-    for losses, left in ((0, 50), (1, None)):  # a suspect keeps even those waiting that need no turn
+    for crashes, left in ((0, 50), (1, None)):  # a suspect keeps even those waiting that need no turn
         runtime = _runtime(board)
         first, second = _open(board, guilty), _open(board, innocent)
-        assert [first.losses, second.losses] == [losses, 0]
+        assert [first.crashes, second.crashes] == [crashes, 0]
         with runtime.at_work(first, _nothing, left=100):
             with pytest.raises(Dead), runtime.at_work(second, _dies, left=left):
                 pytest.fail("two at a time")
-            assert [board.now(job).open for job in (guilty, innocent)] == [True, False]
-    assert [_open(board, job).losses for job in (guilty, innocent)] == [2, 0]
+            assert [board.now(job).leased for job in (guilty, innocent)] == [True, False]
+    assert [_open(board, job).crashes for job in (guilty, innocent)] == [2, 0]
 
 
 def test_a_job_at_work_after_it_waited_is(board: Board) -> None:
@@ -57,15 +57,15 @@ def test_a_job_at_work_after_it_waited_is(board: Board) -> None:
 
     def work() -> None:
         with runtime.at_work(second, _nothing, left=50):
-            seen.append(board.now(second).open)
+            seen.append(board.now(second).leased)
 
     thread = threading.Thread(target=work)
     with runtime.at_work(first, _nothing, left=100):
         thread.start()
         deadline = time.monotonic() + 5
-        while board.now(second).open and time.monotonic() < deadline:
+        while board.now(second).leased and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert not board.now(second).open
+        assert not board.now(second).leased
     thread.join(5)
     assert seen == [True]
 
@@ -78,18 +78,18 @@ def test_a_job_that_gives_way_is_not_to_blame_meanwhile(board: Board) -> None:
     def work() -> None:
         with runtime.at_work(small, _nothing, left=50):
             time.sleep(0.1)
-            seen.extend(board.now(job).open for job in (large, small))
+            seen.extend(board.now(job).leased for job in (large, small))
 
     thread = threading.Thread(target=work)
-    with runtime.at_work(large, _nothing, left=100) as give_way:
-        assert give_way() == 0
+    with runtime.at_work(large, _nothing, left=100) as yield_to_smaller:
+        assert yield_to_smaller() == 0
         thread.start()
         deadline = time.monotonic() + 5
-        while not (seconds := give_way()) and time.monotonic() < deadline:
+        while not (seconds := yield_to_smaller()) and time.monotonic() < deadline:
             time.sleep(0.01)
         assert seconds >= 0.1
         assert seen == [False, True]
-        assert board.now(large).open
+        assert board.now(large).leased
     thread.join(5)
 
 
@@ -111,7 +111,7 @@ def test_those_that_wait_are_at_rest_once_it_stops(board: Board, monkeypatch: py
         assert runtime.parked == {waiting.id}
         assert not runtime.at_rest  # the tile in hand is still finished
     assert runtime.at_rest
-    assert not board.now(waiting).open
+    assert not board.now(waiting).leased
 
 
 def test_what_ends_while_the_rest_is_let_go_of(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +120,7 @@ def test_what_ends_while_the_rest_is_let_go_of(board: Board, monkeypatch: pytest
     works = [runtime.working_on(job.id, job.id, runtime.attempts) for job in jobs]
     for work in works:
         work.__enter__()
-    park = runtime.attempts.park
+    park = runtime.attempts.release
 
     def slow_park(job_id: str) -> None:
         park(job_id)

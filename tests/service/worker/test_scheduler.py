@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from service.worker.scheduler import OLDEST_EVERY, Turns
+from service.worker.scheduler import OLDEST_EVERY, Scheduler
 
 
 class Hall:
     """Jobs that come to work in threads of their own, one step at a time."""
 
-    def __init__(self, turns: Turns, pool: ThreadPoolExecutor) -> None:
-        self.turns, self.pool = turns, pool
+    def __init__(self, scheduler: Scheduler, pool: ThreadPoolExecutor) -> None:
+        self.scheduler, self.pool = scheduler, pool
         self.order: list[str] = []
         self.waited: list[str] = []
         self.at_once = self.most = 0
@@ -24,7 +24,7 @@ class Hall:
 
     def step(self, job: str, seconds: float = 0.0, **options: Any) -> None:
         given = {"submitted": 0, "waits": lambda: self.waited.append(job), "poll": lambda: None} | options
-        with self.turns.work(job, **given):
+        with self.scheduler.work(job, **given):
             with self._lock:
                 self.order.append(job)
                 self.at_once += 1
@@ -37,13 +37,13 @@ class Hall:
     def busy(self, **options: Any) -> Iterator[None]:
         """Hold a turn while claims gather."""
         given = {"left": 1, "submitted": 0, "waits": lambda: None, "poll": lambda: None} | options
-        with self.turns.work("holder", **given):
+        with self.scheduler.work("holder", **given):
             yield
 
     def claim(self, job: str, **options: Any) -> Any:
-        before = len(self.turns._waiting)
+        before = len(self.scheduler._waiting)
         future = self.pool.submit(self.step, job, **options)
-        while len(self.turns._waiting) == before and not future.done():
+        while len(self.scheduler._waiting) == before and not future.done():
             time.sleep(0.001)
         return future
 
@@ -51,18 +51,18 @@ class Hall:
 @pytest.fixture
 def hall() -> Iterator[Hall]:
     with ThreadPoolExecutor(16) as pool:
-        yield Hall(Turns(), pool)
+        yield Hall(Scheduler(), pool)
 
 
 def test_the_least_left_goes_first(hall: Hall) -> None:
     with hall.busy():
         futures = [hall.claim(job, left=left) for job, left in (("large", 900), ("small", 10), ("middle", 100))]
-        assert hall.turns.computing == "holder"
+        assert hall.scheduler.computing == "holder"
     for future in futures:
         future.result(5)
     assert hall.order == ["small", "middle", "large"]
     assert hall.most == 1
-    assert hall.turns.computing is None
+    assert hall.scheduler.computing is None
 
 
 def test_the_oldest_is_not_starved(hall: Hall) -> None:
@@ -77,15 +77,15 @@ def test_the_oldest_is_not_starved(hall: Hall) -> None:
 def test_a_large_tile_gives_way_to_a_small_one(hall: Hall) -> None:
     waited: list[str] = []
     given = {"submitted": 0, "waits": lambda: waited.append("large"), "poll": lambda: None}
-    with hall.turns.work("large", left=900, **given) as turn:
-        assert not turn.give_way()  # to nobody
+    with hall.scheduler.work("large", left=900, **given) as grant:
+        assert not grant.yield_to_smaller()  # to nobody
         larger = hall.claim("larger", left=1000, submitted=1)
-        assert not turn.give_way()
+        assert not grant.yield_to_smaller()
         small = hall.claim("small", left=10, seconds=0.1, submitted=2)
-        assert turn.give_way()
+        assert grant.yield_to_smaller()
         assert hall.order == ["small"]
         assert waited == ["large"]
-        assert hall.turns.computing == "large"
+        assert hall.scheduler.computing == "large"
         small.result(5)
     larger.result(5)
     assert hall.most == 1
@@ -94,10 +94,10 @@ def test_a_large_tile_gives_way_to_a_small_one(hall: Hall) -> None:
 def test_the_turn_of_the_oldest_is_kept(hall: Hall) -> None:
     given = {"submitted": 0, "waits": lambda: None, "poll": lambda: None}
     gave = 0
-    with hall.turns.work("large", left=900, **given) as turn:
+    with hall.scheduler.work("large", left=900, **given) as grant:
         for n in range(20):
             future = hall.claim(f"small {n}", left=10, submitted=n)
-            if not turn.give_way():
+            if not grant.yield_to_smaller():
                 assert not future.done()
                 break
             gave += 1
@@ -108,9 +108,9 @@ def test_the_turn_of_the_oldest_is_kept(hall: Hall) -> None:
 
 def test_nobody_gives_way_to_a_suspect_or_at_the_end(hall: Hall) -> None:
     given = {"submitted": 0, "waits": lambda: None, "poll": lambda: None}
-    with hall.turns.work("large", left=900, **given) as turn:
+    with hall.scheduler.work("large", left=900, **given) as grant:
         suspect = hall.claim("suspect", left=10, alone=True)
-        assert not turn.give_way()  # it may do harm, and would not know whether it was alone
+        assert not grant.yield_to_smaller()  # it may do harm, and would not know whether it was alone
     suspect.result(5)
 
 
@@ -139,7 +139,7 @@ def test_a_suspect_works_alone(hall: Hall) -> None:
 
 def test_always_alone() -> None:
     with ThreadPoolExecutor(4) as pool:
-        hall = Hall(Turns(always_alone=True), pool)
+        hall = Hall(Scheduler(always_alone=True), pool)
         with hall.busy():
             future = hall.claim("preparing")
             assert hall.order == []
@@ -173,7 +173,7 @@ def test_closed_nobody_begins(hall: Hall) -> None:
 
     with hall.busy():
         future = hall.claim("next", left=1, poll=park)
-        hall.turns.close()
+        hall.scheduler.close()
         assert polled.wait(5)
     with pytest.raises(Parked):
         future.result(5)

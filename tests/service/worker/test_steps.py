@@ -11,8 +11,8 @@ from service.jobs.job import Job
 from service.settings import Settings
 from service.worker import steps
 from service.worker.context import Runtime
-from service.worker.model_cache import Models
-from service.worker.scheduler import Turns
+from service.worker.model_cache import ModelCache
+from service.worker.scheduler import Scheduler
 from tests.support.board import Board
 from tests.support.service_process import sphere
 
@@ -26,8 +26,8 @@ def _surveyed(board: Board, iterations: int | str) -> Job:
     write(board.path(job, UPLOAD), PointCloud(points=points), format="ply")
     given = {"radius": "auto", "model": "pcdnf-lite", "nonfinite": "reject", "outliers": "keep"}
     board.set(job.id, parameters=job.parameters | given)
-    board.attempts.open(job.id)
-    steps.install(Runtime(board.settings, board.storage, board.engine, Models(Settings(device="cpu")), Turns()))
+    board.attempts.acquire(job.id)
+    steps.install(Runtime(board.settings, board.storage, board.engine, ModelCache(Settings(device="cpu")), Scheduler()))
     told = steps.survey(job.id)
     now = board.now(job)
     assert now.execution is not None

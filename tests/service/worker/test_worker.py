@@ -16,8 +16,8 @@ from pcdnf.models.catalog import WEIGHTS
 from service.settings import Settings
 from service.supervision import EX_CONFIG
 from service.worker.main import limit_threads
-from service.worker.model_cache import MODELS_KEPT, Models
-from service.worker.slot import SlotTaken, take_slot
+from service.worker.model_cache import MODELS_KEPT, ModelCache
+from service.worker.slot import SlotTakenError, take_slot
 
 
 def _worker(tmp_path: Path, **settings: str) -> subprocess.CompletedProcess[str]:
@@ -32,7 +32,7 @@ def test_one_process_a_slot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("service.worker.slot.LOCK_WAIT_SECONDS", 0.3)
     settings = Settings(data_dir=tmp_path)
     held = take_slot(settings)
-    with pytest.raises(SlotTaken):
+    with pytest.raises(SlotTakenError):
         take_slot(settings)
     take_slot(Settings(data_dir=tmp_path, worker_id="worker-1")).close()
     held.close()
@@ -68,7 +68,7 @@ def test_the_private_call_of_the_engine_that_takes_work_over() -> None:
 
 
 def test_models_are_kept_and_said_where_they_run() -> None:
-    models = Models(Settings(device="cpu"))
+    models = ModelCache(Settings(device="cpu"))
     assert models.get("pcdnf-lite") is models.get("pcdnf-lite")
     execution = models.execution("pcdnf-lite")
     assert execution["device"] == execution["device_requested"] == "cpu"
@@ -81,7 +81,7 @@ def test_the_model_not_used_for_longest_leaves(tmp_path: Path) -> None:
     copies = [tmp_path / f"{number}.safetensors" for number in range(MODELS_KEPT)]
     for copy in copies:
         shutil.copy(WEIGHTS / "pcdnf-lite.safetensors", copy)
-    models = Models(Settings(device="cpu"))
+    models = ModelCache(Settings(device="cpu"))
     names = ["pcdnf-lite", *map(str, copies)]
     first, second, *_ = [models.get(name) for name in names[:-1]]
     assert models.get(names[0]) is first  # so the second is the one not used for longest

@@ -106,7 +106,7 @@ def test_a_request_sent_again_does_not_push_its_own_job_out(make_served: Callabl
     served = make_served(disk_budget_bytes=int(1.5 * small.stat().st_size))
     first = _post(served.client, small).json()["id"]
     attempts = Attempts(served.app.state.engine, 1000)
-    attempts.open(first)
+    attempts.acquire(first)
     attempts.succeed(first, {}, [])
     again = _post(served.client, small)
     assert (again.status_code, again.json()["id"], again.json()["status"]) == (202, first, "succeeded")

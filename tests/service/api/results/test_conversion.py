@@ -20,7 +20,7 @@ def _succeeded(served: Served, small: Path) -> str:
     folder = served.app.state.settings.data_dir / "jobs" / job["id"]
     shutil.copy(folder / "upload", folder / "result.ply")
     attempts = Attempts(served.app.state.engine, 1000)
-    attempts.open(job["id"])
+    attempts.acquire(job["id"])
     attempts.succeed(job["id"], {"ply": {"size": small.stat().st_size, "sha256": sha256(small)}}, [])
     return str(job["links"]["self"])
 
@@ -69,7 +69,7 @@ def test_a_job_that_goes_meanwhile(
     elif moment == "reading":
         then(state.storage, "reading")
     elif moment == "converting":
-        then(state.converter._children, "ask")
+        then(state.converter._sandbox, "ask")
     else:
         then(state.storage, "put")
     with pytest.raises(Problem) as caught:

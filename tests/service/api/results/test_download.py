@@ -52,7 +52,7 @@ def test_accept_beyond_ply_and_npz(accept: str, own: str, expected: str) -> None
 @pytest.mark.parametrize("method", ["GET", "HEAD"])
 def test_files_that_go_while_they_are_asked_for(board: Board, monkeypatch: pytest.MonkeyPatch, method: str) -> None:
     job = board.submit()
-    board.attempts.open(job.id)
+    board.attempts.acquire(job.id)
     board.attempts.succeed(job.id, {"ply": {"size": 1, "sha256": "00" * 32}}, [])
     request = Request({"type": "http", "method": method, "headers": []})
     with pytest.raises(Problem) as caught:
