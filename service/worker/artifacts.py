@@ -53,7 +53,7 @@ def retry_while_disk_full(runtime: Runtime, in_hand: str, work: Callable[[], T])
                 raise DiskFullError from error
         log.warning("job %s waits: the disk is full", in_hand)
         time.sleep(DISK_RETRY_SECONDS)
-        runtime.pause_if_stopping(in_hand)
+        runtime.in_flight.pause_if_stopping(in_hand)
 
 
 def tile_name(iteration: int, start: int) -> str:

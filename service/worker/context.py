@@ -1,14 +1,11 @@
-"""What one worker process shares between its main thread and the workflows it runs."""
+"""What the workflows of one worker process work with."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import sqlalchemy as sa
 
@@ -19,36 +16,39 @@ from ..jobs.worker_registry import Workers
 from ..settings import Settings
 from ..storage.base import Storage
 from ..telemetry import logs, tracing
+from .cloud_cache import CloudCache
+from .in_flight import InFlight
 from .metrics import WorkerMetrics
 from .model_cache import ModelCache
+from .peers import Peers
 from .scheduler import Scheduler
+from .speeds import Speeds
 
-SPEED_WEIGHT = 0.3  # of the newest tile in the moving average
-IDLE_SECONDS = 30.0  # that a prepared cloud is kept after its last shard
-
-
-@dataclass(frozen=True)
-class Held:
-    """A job or a shard in hand: of which job, and where it is put down."""
-
-    job: str
-    record: Attempts | Shards
+if TYPE_CHECKING:
+    from .prepared import Prepared
 
 
 class Runtime:
-    """Settings, storage, models, and the jobs that this worker has in hand.
+    """The parts of a worker, and the few things that take several of them.
+
+    Parameters
+    ----------
+    settings : Settings
+    storage : Storage
+    engine : sqlalchemy.Engine
+        Of the job database.
+    models : ModelCache
+    scheduler : Scheduler
 
     Attributes
     ----------
-    cached : dict of str to object
-        What is kept in memory of each job between two tiles.
-    in_hand : dict of str to Held
-        The jobs and shards whose workflows run.
-    parked : set of str
-        Those that were let go of because this process stops.
-    scheduler : Scheduler
-        Who of them may compute.
+    attempts, shards : Attempts, Shards
+        The tables that hold the leases and the progress of jobs and of shards.
     metrics : WorkerMetrics
+    speeds : Speeds
+    clouds : CloudCache
+    in_flight : InFlight
+    peers : Peers
     """
 
     def __init__(
@@ -57,70 +57,27 @@ class Runtime:
         self.settings = settings
         self.storage = storage
         self.engine = engine
-        self.attempts = Attempts(engine, settings.job_ttl)
-        self.shards = Shards(engine)
         self.models = models
         self.scheduler = scheduler
+        self.attempts = Attempts(engine, settings.job_ttl)
+        self.shards = Shards(engine)
         self.metrics = WorkerMetrics()
-        self.cached: dict[str, Any] = {}
-        self.in_hand: dict[str, Held] = {}
-        self._workers = Workers(engine)
-        self._idle: dict[str, float] = {}
-        self._preparing: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
-        self.parked: set[str] = set()
-        self._speeds: dict[str, float] = {}
-        self._newest: str | None = None
-        self._stopping = threading.Event()
-
-    @contextmanager
-    def working_on(self, work: str, job_id: str, record: Attempts | Shards) -> Iterator[None]:
-        """Mark a job, or a shard of `job_id`, as in hand."""
-        self.in_hand[work] = Held(job_id, record)
-        try:
-            self.pause_if_stopping(work)
-            yield
-        finally:
-            del self.in_hand[work]
-            if work == job_id:
-                self._drop(job_id)
-            else:
-                self._idle[job_id] = time.monotonic()  # the next shard may come in a moment
-
-    def drop_idle(self, seconds: float = IDLE_SECONDS) -> None:
-        """Drop what is kept of jobs whose last shard was given back so many seconds ago."""
-        busy = {held.job for held in list(self.in_hand.values())}
-        for job_id, since in list(self._idle.items()):
-            if job_id not in busy and time.monotonic() - since > seconds:
-                self._drop(job_id)
-
-    def _drop(self, job_id: str) -> None:
-        for cache in (self.cached, self._idle, self._preparing):
-            cache.pop(job_id, None)
-
-    @contextmanager
-    def preparing(self, job: Job, poll: Callable[[], None]) -> Iterator[None]:
-        """Prepare the cloud of a job while no other shard of it does the same."""
-        lock = self._preparing[job.id]
-        while not lock.acquire(timeout=1.0):
-            poll()
-        try:
-            yield
-        finally:
-            lock.release()
+        self.speeds = Speeds()
+        self.clouds: CloudCache[Prepared] = CloudCache()
+        self.in_flight = InFlight()
+        self.peers = Peers(models, Workers(engine), settings)
 
     def record(self, job: Job) -> Attempts | Shards:
-        """Return where the work on `job` is put down: in its own row, or in that of a shard."""
+        """Return the table of the lease and progress of `job`: its own row, or that of a shard."""
         return self.attempts if job.shard is None else self.shards
 
-    def computes_alike(self, job: Job) -> bool:
-        """Return whether this worker computes as the one that `job` began on."""
-        return _kind(self.models.execution(job.parameters["model"])) == _kind(job.execution or {})
-
-    def has_peers(self) -> bool:
-        """Return whether there are other workers, and all of them like this one."""
-        mine = _kind(self.models.execution(self.settings.default_model))
-        ready = [each for each in self._workers.alive(self.settings.ready_stale_seconds) if each.state == "ready"]
-        return len(ready) > 1 and all(_kind(each.details) == mine for each in ready)
+    @contextmanager
+    def working_on(self, work: str, job_id: str) -> Iterator[None]:
+        """Run the workflow of a job, or of a shard of `job_id`."""
+        is_shard = work != job_id
+        record = self.shards if is_shard else self.attempts
+        with self.clouds.used_by(job_id, is_shard=is_shard), self.in_flight.running(work, record):
+            yield
 
     @contextmanager
     def attempt(self, job: Job) -> Iterator[None]:
@@ -141,14 +98,15 @@ class Runtime:
 
     @contextmanager
     def at_work(self, job: Job, check: Callable[[], None], *, left: int | None = None) -> Iterator[Callable[[], float]]:
-        """Work on a job: a tile with `left` points to do, or something that needs no turn.
+        """Compute for a job as soon as the scheduler grants it; while it waits its lease is released.
 
         Parameters
         ----------
         job : Job
         check : callable
-            Called now and then while the job waits; raises where it is not wanted any more.
+            Called every second while the job waits; raises once the job is cancelled.
         left : int, optional
+            Points that the job still has to do, for a tile. None for work beside the tiles of other jobs.
 
         Yields
         ------
@@ -157,74 +115,46 @@ class Runtime:
         """
 
         def poll() -> None:
-            self.pause_if_stopping(job.work)
+            self.in_flight.pause_if_stopping(job.work)
             check()
 
         with self.scheduler.work(
             job.id,
             submitted=job.created_at,
             left=left,
-            alone=job.crashes > 0,
-            waits=lambda: self.record(job).release(job.work),  # should the process die now, this job is not to blame
+            isolated=job.crashes > 0,
+            waits=lambda: self.record(job).release(job.work),  # should the process crash now, it was not this job
             poll=poll,
-        ) as turn:
+        ) as grant:
 
-            def resume(waited: bool) -> None:
+            def reacquire_after(waited: bool) -> None:
                 if waited:
                     self.record(job).reacquire(job.work)
 
             def yield_to_smaller() -> float:
                 began = time.monotonic()
-                resume(waited := turn.yield_to_smaller())
+                reacquire_after(waited := grant.yield_to_smaller())
                 return time.monotonic() - began if waited else 0.0
 
-            resume(turn.waited)
+            reacquire_after(grant.waited)
             yield yield_to_smaller
 
     def stop(self) -> None:
-        """Let the jobs in hand come to rest after what they are at."""
-        self._stopping.set()
+        """Let the work in flight reach its next safe point, and begin nothing new."""
+        self.in_flight.stop()
         self.scheduler.close()
 
-    @property
-    def at_rest(self) -> bool:
-        """Whether everything in hand was let go of."""
-        return self.in_hand.keys() <= self.parked
 
-    def pause_if_stopping(self, work: str) -> None:
-        """Let go of a job or shard in hand and wait for the end of this process, if that is near."""
-        if self._stopping.is_set():
-            self._let_go(work)
-            threading.Event().wait()
-
-    def let_go_of_the_rest(self) -> None:
-        """Let go of what could not come to rest in time."""
-        for work in self.in_hand.keys() - self.parked:
-            self._let_go(work)
-
-    def _let_go(self, work: str) -> None:
-        held = self.in_hand.get(work)
-        if held is not None:  # it has not ended meanwhile
-            held.record.release(work)
-            self.parked.add(work)
-
-    @property
-    def points_per_second(self) -> float | None:
-        """Moving average over the tiles of the model used last."""
-        return None if self._newest is None else self._speeds[self._newest]
-
-    def speed(self, key: str) -> float | None:
-        """Return the moving average over the tiles of a form of a model, in points per second."""
-        return self._speeds.get(key)
-
-    def measured(self, key: str, points: int, seconds: float) -> None:
-        """Take a finished tile into the average speed."""
-        speed = points / max(seconds, 1e-6)
-        before = self._speeds.get(key, speed)
-        self._speeds[key] = before + SPEED_WEIGHT * (speed - before)
-        self._newest = key
+_runtime: Runtime | None = None
 
 
-def _kind(execution: dict[str, Any]) -> tuple[Any, ...]:
-    """Return what the bits of a result depend on, as far as a worker knows it."""
-    return (str(execution.get("device")).partition(":")[0], execution.get("precision"), execution.get("version"))
+def install(runtime: Runtime) -> None:
+    """Set the runtime of this process, once, before the job engine is launched."""
+    global _runtime
+    _runtime = runtime
+
+
+def runtime() -> Runtime:
+    """Return the runtime of this process: the job engine calls workflows with plain data only."""
+    assert _runtime is not None
+    return _runtime

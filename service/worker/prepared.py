@@ -53,9 +53,9 @@ def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
         If the job was cancelled meanwhile.
     """
     progress = Progress(runtime, job, 0)
-    with runtime.preparing(job, progress.check):
-        cached = runtime.cached.get(job.id)
-        if not isinstance(cached, Prepared) or cached.iteration != now.iteration:
+    with runtime.clouds.preparing(job.id, progress.check):
+        cached = runtime.clouds.get(job.id)
+        if cached is None or cached.iteration != now.iteration:
             cached = _prepare(runtime, job, now, progress)
     if now.order is not None and cached.order != now.order:
         raise PcdnfError(
@@ -69,8 +69,8 @@ def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
 def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepared:
     iteration = now.iteration
     with runtime.at_work(job, progress.check), runtime.stage("prepare"):
-        runtime.cached.pop(job.id, None)  # the cloud before may be large
-        runtime.drop_idle(0)
+        runtime.clouds.remove(job.id)  # the cloud before may be large
+        runtime.clouds.remove_idle(0)
         denoiser = pinned_model(runtime, job)
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
@@ -89,7 +89,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
             should_stop=progress.stop,
         )
         fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
-        runtime.cached[job.id] = fresh
+        runtime.clouds.put(job.id, fresh)
         return fresh
 
 

@@ -9,6 +9,7 @@ from pcdnf.denoiser import Stopped
 
 from ..jobs.job import Job
 from .context import Runtime
+from .speeds import speed_key
 
 POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
 
@@ -48,7 +49,7 @@ class Progress:
         if now - self._reported < POLL_SECONDS:
             return False
         self._reported = now
-        speed = self._runtime.speed(speed_key(self._job)) or (
+        speed = self._runtime.speeds.of(speed_key(self._job)) or (
             self._done / (now - self._began - self.yielded_seconds) or None
         )
         record = self._runtime.record(self._job)
@@ -58,9 +59,3 @@ class Progress:
         """Raise :class:`pcdnf.denoiser.Stopped` where :meth:`stop` says so."""
         if self.stop():
             raise Stopped
-
-
-def speed_key(job: Job) -> str:
-    """Return what sets a job's speed: its model, and whether it takes the fast form of it."""
-    fast = job.parameters.get("fast", False)  # which jobs of before this release have not
-    return f"{job.parameters['model']}{' fast' if fast else ''}"

@@ -24,7 +24,7 @@ class Request:
     job: str
     submitted: int
     left: int | None
-    alone: bool
+    isolated: bool
     waits: Callable[[], None]
     poll: Callable[[], None]
 
@@ -42,12 +42,12 @@ class Scheduler:
 
     Parameters
     ----------
-    always_alone : bool
+    always_isolated : bool
         No two jobs at the same time, whatever they do; where a library bears only one caller.
     """
 
-    def __init__(self, *, always_alone: bool = False) -> None:
-        self._always_alone = always_alone
+    def __init__(self, *, always_isolated: bool = False) -> None:
+        self._always_isolated = always_isolated
         self._changed = threading.Condition()
         self._waiting: list[Request] = []
         self._working: list[Request] = []
@@ -73,7 +73,7 @@ class Scheduler:
         *,
         submitted: int,
         left: int | None = None,
-        alone: bool = False,
+        isolated: bool = False,
         waits: Callable[[], None],
         poll: Callable[[], None],
     ) -> Iterator[Grant]:
@@ -86,7 +86,7 @@ class Scheduler:
             When, to find the oldest.
         left : int, optional
             Points still to do; for a tile, which takes a turn.
-        alone : bool
+        isolated : bool
             While no other job works.
         waits : callable
             Called whenever the job has to wait.
@@ -97,7 +97,7 @@ class Scheduler:
         ------
         Grant
         """
-        request = Request(job, submitted, left, alone or self._always_alone, waits, poll)
+        request = Request(job, submitted, left, isolated or self._always_isolated, waits, poll)
         with self._changed:
             self._waiting.append(request)
         try:
@@ -120,7 +120,7 @@ class Scheduler:
             if (
                 self._closed
                 or request is self._pinned
-                or any(other.alone for other in (*self._waiting, *self._working))
+                or any(other.isolated for other in (*self._waiting, *self._working))
             ):
                 return False
             others = [other.left for other in self._waiting if other.left is not None and other.job != request.job]
@@ -148,11 +148,11 @@ class Scheduler:
         return self._granted % OLDEST_EVERY == OLDEST_EVERY - 1
 
     def _may(self, request: Request) -> bool:
-        if any(other.alone for other in self._working):
+        if any(other.isolated for other in self._working):
             return False
-        first_alone = next((other for other in self._waiting if other.alone), None)
-        if first_alone is not None:  # or it might never find the others at rest
-            return request is first_alone and not self._working
+        first_isolated = next((other for other in self._waiting if other.isolated), None)
+        if first_isolated is not None:  # or it might never find the others at rest
+            return request is first_isolated and not self._working
         if request.left is None:
             return True
         return all(other.left is None for other in self._working) and request is self._next()

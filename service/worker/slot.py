@@ -34,5 +34,8 @@ def take_slot(settings: Settings) -> IO[str]:
         except BlockingIOError:
             if time.monotonic() > deadline:
                 file.close()
-                raise SlotTakenError from None
+                raise SlotTakenError(
+                    f"Another worker named {settings.executor_id} is running on {settings.data_dir}. "
+                    "Set PCDNF_WORKER_ID to another name for this one."
+                ) from None
             time.sleep(0.2)

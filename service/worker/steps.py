@@ -40,29 +40,16 @@ from .artifacts import (
     store_arrays,
     tile_name,
 )
-from .context import Runtime
+from .context import Runtime, runtime
 from .gltf import colours, write_display
 from .prepared import Pass, pinned_model, planned, prepared
-from .progress import Progress, speed_key
+from .progress import Progress
+from .speeds import speed_key
 
 log = logging.getLogger(__name__)
 
 STORED = ("ply", "npz")  # beside the format that came in; the others are written when they are asked for
 Outcome = dict[str, Any]
-
-_runtime: Runtime | None = None
-
-
-def install(runtime: Runtime) -> None:
-    """Give the workflows what they work with; once, before the engine is launched."""
-    global _runtime
-    _runtime = runtime
-
-
-def runtime() -> Runtime:
-    """Return what was installed."""
-    assert _runtime is not None
-    return _runtime
 
 
 def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
@@ -148,7 +135,7 @@ def plan(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Outc
     tiles = [list(tile) for tile in work.cloud.tiles(runtime.settings.tile_points)]
     outcome = {"tiles": tiles, "order": work.order}
     parts = cut(tiles)
-    if parts and runtime.has_peers() and runtime.shards.begin(job.id, iteration, len(work.cloud), parts):
+    if parts and runtime.peers.exist() and runtime.shards.begin(job.id, iteration, len(work.cloud), parts):
         return outcome | {"shares": parts}
     runtime.shards.finish(job.id)
     return outcome
@@ -168,10 +155,12 @@ def denoise_tile(runtime: Runtime, job: Job, now: Pass, start: int, stop: int, s
         began = time.monotonic()
         tile = work.denoiser.denoise_tile(work.cloud, start, stop, progress=progress.report, should_stop=progress.stop)
         seconds = time.monotonic() - began - progress.yielded_seconds
-        runtime.measured(speed_key(job), stop - start, seconds)
+        runtime.speeds.add(speed_key(job), stop - start, seconds)
         runtime.metrics.tile(model, work.denoiser.device, stop - start, work.denoiser.batch, seconds)
         store_arrays(runtime, job.id, name, points=tile.points, normals=tile.normals, flagged=tile.flagged)
-        runtime.record(job).finished_tile(job.work, done=base + stop, points_per_second=runtime.speed(speed_key(job)))
+        runtime.record(job).finished_tile(
+            job.work, done=base + stop, points_per_second=runtime.speeds.of(speed_key(job))
+        )
     log.info("job %s iteration %d tile %d-%d done", job.id, now.iteration, start, stop)
     return {"file": name}
 
@@ -189,7 +178,7 @@ def gather(runtime: Runtime, job: Job, ids: list[str]) -> Outcome:
         if ended is None and None not in outcomes:
             runtime.attempts.reacquire(job.id)
             return {"outcomes": outcomes}
-        runtime.pause_if_stopping(job.work)
+        runtime.in_flight.pause_if_stopping(job.work)
         now = runtime.attempts.get(job.id)
         if ended is not None or now is None or now.status != "running":
             DBOS.cancel_workflows([shard for shard in ids if found[shard].status == "ENQUEUED"])

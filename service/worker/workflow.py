@@ -18,9 +18,9 @@ from ..jobs.dbos_contract import SHARD_WORKFLOW, WORKFLOW
 from ..jobs.job import Job
 from ..jobs.lanes import SHARDS_QUEUE
 from ..jobs.shards import Part, shard_id
+from .context import runtime
 from .prepared import DIFFERS, Pass
-from .steps import Outcome, denoise_tile, finish, gather, merge, plan, problem_of, result_files, runtime, survey, sweep
-from .steps import install as install
+from .steps import Outcome, denoise_tile, finish, gather, merge, plan, problem_of, result_files, survey, sweep
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ class JobEndedError(Exception):
 @DBOS.workflow(name=WORKFLOW, max_recovery_attempts=MAX_DISPATCHES)
 def denoise(job_id: str) -> str:
     """Run a job to its end and return its last status."""
-    with runtime().working_on(job_id, job_id, runtime().attempts):
+    with runtime().working_on(job_id, job_id):
         job = runtime().attempts.acquire(job_id)
         if job is None:
             sweep(job_id)  # who ended it may have died before its files went
@@ -56,7 +56,7 @@ def denoise(job_id: str) -> str:
 def denoise_shard(job_id: str, iteration: int, before: str | None, order: int | None, tiles: Part) -> Outcome:
     """Denoise a shard of a job's tiles; return their files, or that this worker does not compute as the job's does."""
     shard = shard_id(job_id, iteration, tiles[0][0])
-    with runtime().working_on(shard, job_id, runtime().shards):
+    with runtime().working_on(shard, job_id):
         job = runtime().shards.acquire(shard)
         if job is None:
             return {"stopped": True}
@@ -67,7 +67,7 @@ def denoise_shard(job_id: str, iteration: int, before: str | None, order: int | 
 
 
 def _shard(job: Job, now: Pass, tiles: Part) -> Outcome:
-    if not runtime().computes_alike(job):
+    if not runtime().peers.computes_alike(job):
         return {"declined": True}
     try:
         _check_crashes(job)
@@ -107,7 +107,7 @@ def _run(job: Job) -> str:
         planned = _checked(plan(job.id, iteration, merged))
         now, tiles = Pass(iteration, merged, planned.get("order")), planned["tiles"]
         files = _in_shards(job, now, planned["shares"]) if "shares" in planned else _one_by_one(job, now, tiles)
-        runtime().pause_if_stopping(job.work)
+        runtime().in_flight.pause_if_stopping(job.work)
         merged = _checked(merge(job.id, now, tiles, files))["file"]
     outcome = _checked(finish(job.id, merged))
     results = outcome["results"]
@@ -121,7 +121,7 @@ def _run(job: Job) -> str:
 def _one_by_one(job: Job, now: Pass, tiles: Part) -> list[str]:
     files = []
     for start, stop in tiles:
-        runtime().pause_if_stopping(job.work)
+        runtime().in_flight.pause_if_stopping(job.work)
         files.append(_checked(denoise_tile(job.id, now, start, stop, job.shard))["file"])
     return files
 

@@ -15,7 +15,7 @@ import pytest
 from service.api import sse as events
 from service.jobs.attempts import Attempts
 from service.settings import Settings
-from service.worker.model_cache import Models
+from service.worker.model_cache import ModelCache
 from tests.support.board import MakeApi
 from tests.support.service_process import Served, Service, write_sphere
 
@@ -84,7 +84,7 @@ def test_the_plan_and_the_true_total_are_told_before_the_first_tile(
     served = make_served()
     job = _submit(served.client, small)
     attempts = Attempts(served.app.state.engine, 1000)
-    runs = Models(Settings(device="cpu")).execution("pcdnf-lite")
+    runs = ModelCache(Settings(device="cpu")).execution("pcdnf-lite")
     with served.client.stream("GET", f"/jobs/{job}/events") as response:
         told = _events(response)
         next(told), next(told)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from service.jobs.job import Job
-from service.worker.context import SPEED_WEIGHT, Runtime
+from service.worker.context import Runtime
 from service.worker.scheduler import Scheduler
 from tests.support.board import Board
 
@@ -99,25 +99,25 @@ def test_those_that_wait_are_at_rest_once_it_stops(board: Board, monkeypatch: py
     working, waiting = _open(board, board.submit()), _open(board, board.submit())
 
     def wait() -> None:
-        with runtime.working_on(waiting.id, waiting.id, runtime.attempts), runtime.at_work(waiting, _nothing, left=1):
+        with runtime.working_on(waiting.id, waiting.id), runtime.at_work(waiting, _nothing, left=1):
             pytest.fail("it began after the stop")
 
-    with runtime.working_on(working.id, working.id, runtime.attempts), runtime.at_work(working, _nothing, left=100):
+    with runtime.working_on(working.id, working.id), runtime.at_work(working, _nothing, left=100):
         threading.Thread(target=wait, daemon=True).start()  # for good, as in a process that ends
         runtime.stop()
         deadline = time.monotonic() + 5
-        while waiting.id not in runtime.parked and time.monotonic() < deadline:
+        while waiting.id not in runtime.in_flight.released and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert runtime.parked == {waiting.id}
-        assert not runtime.at_rest  # the tile in hand is still finished
-    assert runtime.at_rest
+        assert runtime.in_flight.released == {waiting.id}
+        assert not runtime.in_flight.at_rest  # the tile in hand is still finished
+    assert runtime.in_flight.at_rest
     assert not board.now(waiting).leased
 
 
 def test_what_ends_while_the_rest_is_let_go_of(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     runtime = _runtime(board)
     jobs = [_open(board, board.submit()) for _ in range(2)]
-    works = [runtime.working_on(job.id, job.id, runtime.attempts) for job in jobs]
+    works = [runtime.working_on(job.id, job.id) for job in jobs]
     for work in works:
         work.__enter__()
     park = runtime.attempts.release
@@ -128,16 +128,5 @@ def test_what_ends_while_the_rest_is_let_go_of(board: Board, monkeypatch: pytest
         other.__exit__(None, None, None)
 
     monkeypatch.setattr(runtime.attempts, "park", slow_park)
-    runtime.let_go_of_the_rest()
-    assert len(runtime.parked) == 1
-
-
-def test_speeds_are_of_a_model(board: Board) -> None:
-    runtime = _runtime(board)
-    assert runtime.points_per_second is None
-    runtime.measured("quick", 1000, 1.0)
-    runtime.measured("slow", 10, 1.0)
-    runtime.measured("quick", 2000, 1.0)
-    assert runtime.speed("slow") == 10
-    assert runtime.speed("quick") == runtime.points_per_second == pytest.approx(1000 + SPEED_WEIGHT * 1000)
-    assert runtime.speed("another") is None
+    runtime.in_flight.release_rest()
+    assert len(runtime.in_flight.released) == 1

@@ -109,7 +109,7 @@ def test_the_turn_of_the_oldest_is_kept(hall: Hall) -> None:
 def test_nobody_gives_way_to_a_suspect_or_at_the_end(hall: Hall) -> None:
     given = {"submitted": 0, "waits": lambda: None, "poll": lambda: None}
     with hall.scheduler.work("large", left=900, **given) as grant:
-        suspect = hall.claim("suspect", left=10, alone=True)
+        suspect = hall.claim("suspect", left=10, isolated=True)
         assert not grant.yield_to_smaller()  # it may do harm, and would not know whether it was alone
     suspect.result(5)
 
@@ -123,7 +123,7 @@ def test_other_work_needs_no_turn(hall: Hall) -> None:
 
 def test_a_suspect_works_alone(hall: Hall) -> None:
     with hall.busy(left=None):  # somebody prepares a cloud
-        suspect = hall.claim("suspect", alone=True, seconds=0.1)
+        suspect = hall.claim("suspect", isolated=True, seconds=0.1)
         late = [hall.claim("late", seconds=0.1), hall.claim("tile", left=1, seconds=0.1)]
         assert hall.order == []
     for future in (suspect, *late):
@@ -131,7 +131,7 @@ def test_a_suspect_works_alone(hall: Hall) -> None:
     assert hall.order[0] == "suspect"
     assert set(hall.waited) == {"suspect", "late", "tile"}
     hall.most = 0
-    futures = [hall.claim(f"suspect {n}", alone=True, left=5, seconds=0.02) for n in range(3)]
+    futures = [hall.claim(f"suspect {n}", isolated=True, left=5, seconds=0.02) for n in range(3)]
     for future in futures:
         future.result(5)
     assert hall.most == 1
@@ -139,7 +139,7 @@ def test_a_suspect_works_alone(hall: Hall) -> None:
 
 def test_always_alone() -> None:
     with ThreadPoolExecutor(4) as pool:
-        hall = Hall(Scheduler(always_alone=True), pool)
+        hall = Hall(Scheduler(always_isolated=True), pool)
         with hall.busy():
             future = hall.claim("preparing")
             assert hall.order == []

@@ -10,7 +10,7 @@ from service.jobs.files import UPLOAD
 from service.jobs.job import Job
 from service.settings import Settings
 from service.worker import steps
-from service.worker.context import Runtime
+from service.worker.context import Runtime, install
 from service.worker.model_cache import ModelCache
 from service.worker.scheduler import Scheduler
 from tests.support.board import Board
@@ -27,7 +27,7 @@ def _surveyed(board: Board, iterations: int | str) -> Job:
     given = {"radius": "auto", "model": "pcdnf-lite", "nonfinite": "reject", "outliers": "keep"}
     board.set(job.id, parameters=job.parameters | given)
     board.attempts.acquire(job.id)
-    steps.install(Runtime(board.settings, board.storage, board.engine, ModelCache(Settings(device="cpu")), Scheduler()))
+    install(Runtime(board.settings, board.storage, board.engine, ModelCache(Settings(device="cpu")), Scheduler()))
     told = steps.survey(job.id)
     now = board.now(job)
     assert now.execution is not None

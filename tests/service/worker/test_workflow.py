@@ -6,7 +6,7 @@ import pytest
 
 from service.jobs.files import DISPLAY, UPLOAD, job_file
 from service.worker import workflow
-from service.worker.context import Runtime
+from service.worker.context import Runtime, install
 from service.worker.scheduler import Scheduler
 from tests.support.board import Board
 
@@ -14,7 +14,7 @@ from tests.support.board import Board
 @pytest.mark.parametrize("ended", ["succeeded", "failed", "removed", "running"])
 def test_what_a_late_worker_left_goes(board: Board, ended: str) -> None:
     models: Any = None
-    workflow.install(Runtime(board.settings, board.storage, board.engine, models, Scheduler()))
+    install(Runtime(board.settings, board.storage, board.engine, models, Scheduler()))
     job = board.submit()
     board.attempts.acquire(job.id)
     for name in ("tiles/0-0-1.npz", "result-1.ply", "result-2.ply", DISPLAY):
@@ -40,7 +40,7 @@ def test_what_a_late_worker_left_goes(board: Board, ended: str) -> None:
 @pytest.mark.parametrize("ended", ["succeeded", "cancelled"])
 def test_what_a_kill_left_after_the_end_goes(board: Board, ended: str) -> None:
     models: Any = None
-    workflow.install(Runtime(board.settings, board.storage, board.engine, models, Scheduler()))
+    install(Runtime(board.settings, board.storage, board.engine, models, Scheduler()))
     job = board.submit()
     for name in ("tiles/0-0-1.npz", "result-1.ply"):
         scratch = board.storage.scratch()
