@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.data.record_queue import TILE
 from tests.support.service_process import Service
 
 RECORDED = Path(__file__).parents[1] / "data" / "queue-1445ba2.tar.xz"
@@ -25,8 +24,7 @@ def upgraded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     folder = tmp_path_factory.mktemp("upgraded")
     with tarfile.open(RECORDED) as archive:
         archive.extractall(folder, filter="data")
-    service = Service(folder, tile_points=TILE, worker_stale_seconds=2)
-    service.start()
+    service = Service(folder, worker_stale_seconds=2).start()
     yield service
     assert service.stop() == 0, service.output()
 
@@ -63,8 +61,6 @@ def test_a_result_of_an_older_version_stays(upgraded: Service, jobs: list[dict[s
 
 
 def test_a_job_that_was_begun_goes_on_at_its_first_missing_tile(upgraded: Service, jobs: list[dict[str, Any]]) -> None:
-    for name, points, iterations, kept in (("begun", 700, 2, 4), ("shared", 4100, 1, 1)):
-        (job,) = (job for job in jobs if job["upload"]["name"] == name)
-        done = re.findall(rf"job {job['id']} iteration (\d) tile (\d+)-", upgraded.output())
-        assert len(done) == len(set(done))
-        assert 0 < len(done) <= iterations * -(-points // TILE) - kept
+    (begun,) = (job for job in jobs if job["upload"]["name"] == "begun")
+    tiles = re.findall(rf"job {begun['id']} iteration (\d tile \d+)-", upgraded.output())
+    assert tiles in (["1 tile 512"], ["1 tile 256", "1 tile 512"])  # the checkpoint of the last one may be cut off
