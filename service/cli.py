@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, NoReturn
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-# Options that stand for a setting; every other setting comes from the environment.
+# Options that override a setting. All other settings come from the environment.
 OPTIONS = {
     "host": "address to listen on",
-    "port": "port to listen on; 0 picks a free one",
-    "data-dir": "folder of uploads, results and the job database",
+    "port": "port to listen on; 0 chooses a free port",
+    "data-dir": "folder for uploads, results and the job database",
     "device": "auto, cpu or cuda:N",
 }
-SETTINGS = "Settings are PCDNF_* environment variables, listed in docs/settings.md; an option here wins."
+SETTINGS = (
+    "The settings are PCDNF_* environment variables, listed in docs/settings.md. An option overrides its setting."
+)
 
 
 def add_serve(subparsers: Subparsers) -> None:
@@ -35,14 +37,15 @@ def add_drain(subparsers: Subparsers) -> None:
     """Add the command ``drain``."""
     parser = subparsers.add_parser(
         "drain",
-        help="let the service take no new jobs, and finish those it has",
-        description="Let every API on this job database take no new jobs, until --off; those it has are finished. "
+        help="stop accepting new jobs and finish the accepted ones",
+        description="Stop accepting new jobs, in every API process on this job database, until "
+        "--off. Accepted jobs are finished. "
         f"{SETTINGS}",
     )
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--off", action="store_true", help="take new jobs again")
-    what.add_argument("--status", action="store_true", help="change nothing, say how the service stands")
-    parser.add_argument("--wait", action="store_true", help="come back when no job is unfinished")
+    what.add_argument("--off", action="store_true", help="accept new jobs again")
+    what.add_argument("--status", action="store_true", help="print the state of the service, change nothing")
+    parser.add_argument("--wait", action="store_true", help="wait until all jobs are finished")
     _add_options(parser, "data-dir")
     parser.set_defaults(run=drain)
 
@@ -51,11 +54,12 @@ def add_doctor(subparsers: Subparsers) -> None:
     """Add the command ``doctor``."""
     parser = subparsers.add_parser(
         "doctor",
-        help="look whether everything the service needs is in order",
-        description="Look at Python, device, weights, data folder, disk, storage, job database, keys, port, and at a "
-        f"running service. Exit status 1 where there is a problem. {SETTINGS}",
+        help="check everything the service needs",
+        description="Check Python, device, weights, data folder, disk, storage, job database, keys, "
+        "port, and a running "
+        f"service. The exit status is 1 if there is a problem. {SETTINGS}",
     )
-    parser.add_argument("--json", action="store_true", help="print a JSON array of what was found")
+    parser.add_argument("--json", action="store_true", help="print the findings as a JSON array")
     _add_options(parser, *OPTIONS)
     parser.set_defaults(run=doctor)
 
@@ -91,7 +95,7 @@ def drain(arguments: argparse.Namespace) -> int:
 
 
 def doctor(arguments: argparse.Namespace) -> int:
-    """Print what was found; return 1 where there is a problem."""
+    """Print the findings; return 1 if there is a problem."""
     _take_options(arguments)
     from .operations.doctor import examine, print_finding
     from .startup import load_settings
@@ -112,7 +116,7 @@ def _add_options(parser: argparse.ArgumentParser, *names: str) -> None:
 
 
 def _take_options(arguments: argparse.Namespace) -> None:
-    """Put options where the settings, and child processes, find them."""
+    """Set the environment variables of the given options, for this process and its children."""
     for name in OPTIONS:
         value = getattr(arguments, name.replace("-", "_"), None)
         if value is not None:

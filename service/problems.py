@@ -1,4 +1,4 @@
-"""Problems: the one shape of every error that a caller can see (RFC 9457), without a web framework."""
+"""Problems: the shape of every error that a caller can see (RFC 9457). This module needs no web framework."""
 
 from __future__ import annotations
 
@@ -8,70 +8,73 @@ from typing import Any
 # code -> (status, title). The codes are stable; programs compare them, not the text.
 CATALOGUE: dict[str, tuple[int, str]] = {
     "bad_request": (400, "Bad request"),
-    "not_authenticated": (401, "A key is needed"),
-    "cross_site": (403, "Not from another site"),
-    "not_found": (404, "No such page"),
-    "job_not_found": (404, "No such job"),
-    "display_not_found": (404, "Nothing to draw"),
-    "model_not_found": (404, "No such model"),
+    "not_authenticated": (401, "API key missing or unknown"),
+    "cross_site": (403, "Request from another site"),
+    "not_found": (404, "Page not found"),
+    "job_not_found": (404, "Job not found"),
+    "display_not_found": (404, "No preview for this job"),
+    "model_not_found": (404, "Model not found"),
     "method_not_allowed": (405, "Method not allowed"),
-    "not_acceptable": (406, "No result in that format"),
-    "headers_too_slow": (408, "The headers took too long"),
-    "upload_too_slow": (408, "The upload took too long"),
-    "job_not_finished": (409, "The job has not finished"),
-    "idempotency_key_in_use": (409, "The idempotency key is in use"),
-    "job_failed": (409, "The job failed"),
-    "already_finished": (409, "The job has finished"),
-    "job_cancelled": (410, "The job was cancelled"),
-    "job_expired": (410, "The job has expired"),
-    "precondition_failed": (412, "The job has changed"),
-    "upload_too_large": (413, "The upload is too large"),
-    "file_too_large": (413, "The file is too large"),
-    "too_many_points": (413, "The cloud has too many points"),
-    "too_much_work": (413, "The job is too large"),
-    "unsupported_media_type": (415, "The upload is not of a supported type"),
-    "unsupported_encoding": (415, "The upload is compressed"),
-    "unknown_format": (415, "The file is of no known format"),
-    "missing_extra": (415, "The service was installed without this format"),
-    "range_not_satisfiable": (416, "No such range"),
+    "not_acceptable": (406, "Format not available"),
+    "headers_too_slow": (408, "Headers arrived too slowly"),
+    "upload_too_slow": (408, "Upload arrived too slowly"),
+    "job_not_finished": (409, "Job not finished"),
+    "idempotency_key_in_use": (409, "Idempotency key in use"),
+    "job_failed": (409, "Job failed"),
+    "already_finished": (409, "Job already finished"),
+    "job_cancelled": (410, "Job cancelled"),
+    "job_expired": (410, "Job expired"),
+    "precondition_failed": (412, "Job has changed"),
+    "upload_too_large": (413, "Upload too large"),
+    "file_too_large": (413, "File too large"),
+    "too_many_points": (413, "Too many points"),
+    "too_much_work": (413, "Job too large"),
+    "unsupported_media_type": (415, "Unsupported Content-Type"),
+    "unsupported_encoding": (415, "Unsupported Content-Encoding"),
+    "unknown_format": (415, "Unknown file format"),
+    "missing_extra": (415, "Format not installed"),
+    "range_not_satisfiable": (416, "Range not satisfiable"),
     "invalid_parameters": (422, "Invalid parameters"),
     "invalid_upload": (422, "Invalid upload"),
-    "idempotency_key_reused": (422, "The idempotency key was used for another request"),
-    "empty_upload": (422, "The upload is empty"),
-    "normals_missing": (422, "The cloud has no normals"),
-    "not_enough_memory": (422, "The file needs too much memory to read"),
-    "took_too_long": (422, "The file takes too long to read"),
-    "headers_too_large": (431, "The headers are too long"),
+    "idempotency_key_reused": (422, "Idempotency key belongs to another request"),
+    "empty_upload": (422, "Empty upload"),
+    "normals_missing": (422, "Normals missing"),
+    "not_enough_memory": (422, "File needs too much memory"),
+    "took_too_long": (422, "File takes too long to read"),
+    "headers_too_large": (431, "Headers too long"),
     "too_many_requests": (429, "Too many requests"),
     "quota_exceeded": (429, "Too many unfinished jobs"),
     "internal_error": (500, "Internal error"),
-    "queue_full": (503, "The queue is full"),
-    "disk_full": (503, "Not enough disk space"),
-    "too_busy": (503, "Too many requests at the same time"),
-    "not_ready": (503, "Not ready"),
-    "draining": (503, "No new jobs for now"),
-    "stopping": (503, "The service is stopping"),
-    "database_unavailable": (503, "The job database cannot be reached"),
-    "storage_unavailable": (503, "The storage cannot be reached"),
+    "queue_full": (503, "Queue full"),
+    "disk_full": (503, "Disk full"),
+    "too_busy": (503, "Too many requests at once"),
+    "not_ready": (503, "Service not ready"),
+    "draining": (503, "Service is draining"),
+    "stopping": (503, "Service is stopping"),
+    "database_unavailable": (503, "Job database unavailable"),
+    "storage_unavailable": (503, "Storage unavailable"),
     # How a job may fail; shown in the job's `problem`.
-    "worker_lost": (500, "The worker died on this job"),
-    "model_changed": (500, "The model changed while the job was under way"),
-    "workers_differ": (500, "The workers do not compute alike"),
-    "out_of_memory": (500, "Not enough memory"),
+    "worker_lost": (500, "Worker crashed"),
+    "model_changed": (500, "Model weights changed"),
+    "workers_differ": (500, "Workers compute differently"),
+    "out_of_memory": (500, "Out of memory"),
 }
 
 
-class Problem(Exception):
-    """An error to answer with.
+class Problem(Exception):  # noqa: N818  (see below)
+    """An error to answer a caller with, named as in RFC 9457.
+
+    The standard, its media type ``application/problem+json`` and the member ``problem`` of a job all use this word, so
+    the name does not end in ``Error``.
 
     Parameters
     ----------
     code : str
         A key of :data:`CATALOGUE`, or with `status` and `title` given, any stable snake-case name.
     detail : str
-        What happened, in our own words.
-    hint : str, optional
-        What to do about it.
+        What happened, in a sentence.
+    hint : str
+        What the caller can do about it, in a sentence.
     headers : mapping, optional
         Further response headers.
     status, title : optional
@@ -85,7 +88,7 @@ class Problem(Exception):
         code: str,
         detail: str,
         *,
-        hint: str | None = None,
+        hint: str,
         headers: Mapping[str, str] | None = None,
         status: int | None = None,
         title: str | None = None,
@@ -115,18 +118,21 @@ def from_validation(errors: list[Any]) -> Problem:
     """Return the problem for pydantic's list of errors, naming each parameter."""
     faults = [{"parameter": ".".join(map(str, e["loc"])), "reason": str(e["msg"]).removesuffix(".")} for e in errors]
     detail = " ".join(f"{fault['parameter']}: {fault['reason']}." for fault in faults)
-    return Problem("invalid_parameters", detail, hint="See /docs for the parameters.", errors=faults)
+    return Problem("invalid_parameters", detail, hint="See /docs for the parameters and their values.", errors=faults)
 
 
 def disk_full() -> Problem:
-    """Return the problem of what does not fit on the disk."""
+    """Return the problem for data that does not fit on the disk."""
     return Problem(
-        "disk_full", "There is not enough disk space for this.", hint="Try again later.", headers={"Retry-After": "60"}
+        "disk_full",
+        "The service does not have enough disk space for this.",
+        hint="Try again after the number of seconds in Retry-After.",
+        headers={"Retry-After": "60"},
     )
 
 
 def job_expired() -> Problem:
-    """Return the problem of a job whose files have gone."""
+    """Return the problem for a job whose files were removed."""
     return Problem("job_expired", "The job has expired and its files were removed.", hint="Submit the file again.")
 
 
@@ -134,6 +140,6 @@ def unexpected() -> Problem:
     """Return the problem for an error of the service itself."""
     return Problem(
         "internal_error",
-        "The service met an error of its own.",
-        hint="The log of the service says more, under the X-Request-ID of this answer.",
+        "The service failed because of an internal error.",
+        hint="Look up the X-Request-ID of this response in the log of the service.",
     )

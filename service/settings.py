@@ -1,4 +1,4 @@
-"""Settings as data: every ``PCDNF_*`` variable, its default, its unit and what it is for.
+"""The settings: every ``PCDNF_*`` variable with its default, its unit and its meaning.
 
 ``docs/settings.md`` is written from this class by ``python -m service.settings``; a test compares the two.
 """
@@ -18,11 +18,11 @@ MIB = 1024 * 1024
 
 
 class SettingsError(Exception):
-    """A combination of settings that cannot be served; the text says what to set."""
+    """Settings that the service cannot run with; the text says what to set."""
 
 
 class Settings(BaseSettings):
-    """What the service reads from its environment. Every name below is prefixed with ``PCDNF_``."""
+    """The settings of the service, read from the environment with the prefix ``PCDNF_``."""
 
     model_config = SettingsConfigDict(
         env_prefix="PCDNF_",
@@ -33,61 +33,65 @@ class Settings(BaseSettings):
 
     host: str = Field(
         "127.0.0.1",
-        description="Address to listen on. Anything but a loopback address needs a key, or PCDNF_ALLOW_ANONYMOUS.",
+        description="Address to listen on. An address other than a loopback address requires a key "
+        "or PCDNF_ALLOW_ANONYMOUS.",
     )
-    port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 picks a free one.")
+    port: int = Field(8000, ge=0, le=65535, description="Port to listen on. 0 chooses a free port.")
     api_key: str | None = Field(
-        None, min_length=16, description="One key that callers send as `Authorization: Bearer <key>`."
+        None, min_length=16, description="A single key. Callers send it as `Authorization: Bearer <key>`."
     )
     api_keys_file: Path | None = Field(
         None,
-        description="File of named keys, one `name:sha256-of-the-key-in-hex` a line, `#` starts a comment. "
-        "Read again when it changes. A job is visible only to the key that made it.",
+        description="File of named keys. Each line is `name:sha256-of-the-key-in-hex`, and `#` starts a comment. "
+        "The file is read again when it changes. A job is visible only to the key that created it.",
     )
     allow_anonymous: bool = Field(
         False,
-        description="Serve without a key on an address that is not loopback (behind a proxy that authenticates).",
+        description="Serve without keys on an address that is not a loopback address, behind a proxy "
+        "that authenticates callers.",
     )
 
     data_dir: Path = Field(
         Path("data"),
-        description="Folder of uploads, tiles, results and the SQLite file. Local disk only. Where PCDNF_STORAGE_URL "
-        "is a bucket, of files on their way there.",
+        description="Folder for uploads, tiles, results and the SQLite database, on a local disk. If "
+        "PCDNF_STORAGE_URL is a "
+        "bucket, it holds files only until they are uploaded.",
     )
     storage_url: str | None = Field(
         None,
-        description="Where uploads, tiles and results lie: empty for PCDNF_DATA_DIR, or for several machines "
-        "`s3://bucket/prefix` (endpoint and keys in the usual `AWS_*` variables) or `file:///folder` that all of them "
-        "mount.",
+        description="Storage of uploads, tiles and results. Empty: PCDNF_DATA_DIR. For several machines: "
+        "`s3://bucket/prefix`, with the endpoint and keys in the usual `AWS_*` variables, or "
+        "`file:///folder`, a folder "
+        "that all machines mount.",
     )
     database_url: str | None = Field(
         None,
-        description="SQLAlchemy URL of the job database: empty for SQLite in PCDNF_DATA_DIR, or "
-        "`postgresql://user:password@host/name` to share the queue between machines.",
+        description="SQLAlchemy URL of the job database. Empty: SQLite in PCDNF_DATA_DIR. For several machines: "
+        "`postgresql://user:password@host/name`.",
     )
     min_free_bytes: int = Field(
         256 * MIB,
         ge=0,
-        description="Free disk space in bytes below which results expire early; where that is not enough, "
-        "the service is not ready and takes no upload.",
+        description="Free disk space to keep, in bytes. Below it, results expire early. If that does not free enough, "
+        "the service is not ready and takes no uploads.",
     )
     disk_budget_bytes: int = Field(
         0,
         ge=0,
-        description="Bytes that uploads, tiles and results may take together; beyond it the oldest results of the "
-        "key that has most expire early, and where that is not enough uploads are answered 503. 0: as much as there is "
-        "room for.",
+        description="Disk space in bytes for all uploads, tiles and results. Above it, the oldest "
+        "results of the key that "
+        "uses most expire early. If that does not free enough, uploads are answered with 503. 0: no budget.",
     )
 
-    max_upload_bytes: int = Field(512 * MIB, ge=1, description="Largest request body in bytes.")
+    max_upload_bytes: int = Field(512 * MIB, ge=1, description="Largest upload in bytes.")
     max_inflated_bytes: int = Field(
-        4096 * MIB, ge=1, description="Most bytes that the arrays of a compressed NPZ may inflate to."
+        4096 * MIB, ge=1, description="Largest size in bytes of the arrays of a compressed NPZ after decompression."
     )
-    max_points: int = Field(10_000_000, ge=1, description="Most points in one cloud.")
-    max_iterations: int = Field(4, ge=1, description="Most passes of a job; `iterations=auto` chooses no more.")
-    upload_deadline: float = Field(900.0, gt=0, description="Seconds in which a request body has to arrive.")
+    max_points: int = Field(10_000_000, ge=1, description="Largest number of points in a cloud.")
+    max_iterations: int = Field(4, ge=1, description="Largest number of passes of a job, also for `iterations=auto`.")
+    upload_deadline: float = Field(900.0, gt=0, description="Seconds within which an upload must arrive.")
     upload_min_rate: int = Field(
-        1024, ge=0, description="Slowest upload in bytes per second, averaged, after the first ten seconds."
+        1024, ge=0, description="Slowest average speed of an upload in bytes per second, after the first ten seconds."
     )
     check_seconds: float = Field(
         60.0, gt=0, description="Seconds the check of an upload may take in its child process."
@@ -95,86 +99,103 @@ class Settings(BaseSettings):
     check_memory_bytes: int = Field(
         2048 * MIB,
         ge=256 * MIB,
-        description="Memory in bytes the check of an upload may take in its child process.",
+        description="Memory in bytes for the child process that checks an upload.",
     )
-    concurrent_checks: int = Field(2, ge=1, description="Uploads checked at the same time.")
-    max_requests: int = Field(256, ge=1, description="Requests served at the same time; more are answered 503.")
+    concurrent_checks: int = Field(2, ge=1, description="Number of uploads checked at the same time.")
+    max_requests: int = Field(
+        256, ge=1, description="Number of requests served at the same time. Further requests are answered with 503."
+    )
     max_connections: int = Field(
         512,
         ge=1,
-        description="Open connections at the same time; beyond it the one that has been idle longest is closed. "
-        "Keep it below the limit of open files.",
+        description="Number of open connections. Above it, the connection that has been idle longest is closed. "
+        "Set it below the limit of open files.",
     )
     header_seconds: float = Field(
-        10.0, gt=0, description="Seconds in which the headers of a request have to arrive; later ones are answered 408."
+        10.0,
+        gt=0,
+        description="Seconds within which the headers of a request must arrive. After that it is answered with 408.",
     )
     send_seconds: float = Field(
-        60.0, gt=0, description="Seconds after which a connection is closed whose caller takes nothing of its answer."
+        60.0,
+        gt=0,
+        description="Seconds after which a connection is closed if its caller reads nothing of the response.",
     )
     max_wait_seconds: int = Field(
-        60, ge=0, description="Longest time in seconds that `Prefer: wait=N` holds a request; N above it is cut to it."
+        60,
+        ge=0,
+        description="Longest time in seconds that `Prefer: wait=N` holds a request. A larger N is reduced to it.",
     )
     max_streams: int = Field(
         64,
         ge=0,
-        description="Requests that wait for jobs at the same time, by `Prefer: wait` or as a stream of events; beyond "
-        "it `Prefer` is ignored and streams are answered 503.",
+        description="Number of requests that wait for jobs at the same time, with `Prefer: wait` or "
+        "as a stream of events. "
+        "Above it, `Prefer` is ignored and streams are answered with 503.",
     )
 
     max_queued_points: int = Field(
-        100_000_000, ge=1, description="Most points times iterations still to do in all unfinished jobs together."
+        100_000_000,
+        ge=1,
+        description="Largest queue, in points times iterations that all unfinished jobs still have to do.",
     )
     max_queued_bytes: int = Field(
-        8192 * MIB, ge=1, description="Most bytes of uploads of all unfinished jobs together."
+        8192 * MIB, ge=1, description="Largest total size of the uploads of all unfinished jobs, in bytes."
     )
     max_caller_points: int = Field(
-        50_000_000, ge=1, description="Most points times iterations still to do in the unfinished jobs of one key."
+        50_000_000, ge=1, description="Part of the queue that one key may fill, in points times iterations."
     )
     max_caller_bytes: int = Field(
-        4096 * MIB, ge=1, description="Most bytes of the uploads of one key's unfinished jobs."
+        4096 * MIB, ge=1, description="Largest total size of the uploads of one key's unfinished jobs, in bytes."
     )
-    max_caller_jobs: int = Field(1000, ge=1, description="Most unfinished jobs of one key.")
+    max_caller_jobs: int = Field(1000, ge=1, description="Largest number of unfinished jobs of one key.")
     caller_requests_per_minute: int = Field(
         12_000,
         ge=0,
-        description="Requests one key may send in a minute, to each API process; 0 for no limit.",
+        description="Number of requests per minute that one key may send to each API process. 0: no limit.",
     )
 
     device: str = Field(
         "auto",
         pattern=r"^(auto|cpu|cuda:\d{1,3})$",
-        description="`auto` (CUDA when there is one, else the CPU), `cpu` or `cuda:N`.",
+        description="`auto` (a GPU if there is one, otherwise the CPU), `cpu` or `cuda:N`.",
     )
-    require_gpu: bool = Field(False, description="Refuse to start rather than fall back to the CPU.")
+    require_gpu: bool = Field(False, description="Refuse to start if there is no GPU, in place of using the CPU.")
     precision: Literal["auto", "float32", "bfloat16"] = Field(
-        "auto", description="Arithmetic of the network: `auto`, `float32` or `bfloat16`."
+        "auto", description="Floating-point format of the network: `auto`, `float32` or `bfloat16`."
     )
-    threads: int = Field(0, ge=0, le=1024, description="CPU threads of the worker; 0 uses every core it may run on.")
-    default_model: str = Field("pcdnf-lite", description="Model of a job that names none.")
+    threads: int = Field(
+        0, ge=0, le=1024, description="Number of CPU threads of the worker. 0: one for each core that it may run on."
+    )
+    default_model: str = Field("pcdnf-lite", description="Model of the jobs that name none.")
     tile_points: int = Field(
         16_384,
         ge=256,
-        description="Points of one tile, the unit of work that is checkpointed. A tile should take some seconds.",
+        description="Number of points in a tile, the unit of work that is checkpointed. A tile "
+        "should take some seconds.",
     )
 
     worker_id: str | None = Field(
         None,
         pattern=r"^[A-Za-z0-9._-]{1,64}$",
-        description="Name of the worker's slot, one live process each. Default: `worker-0` on SQLite, "
-        "`<host name>-0` otherwise.",
+        description="Name of the worker. Two running workers must not have the same name. Default: "
+        "`worker-0` on SQLite, "
+        "`<host name>-0` on PostgreSQL.",
     )
-    heartbeat_seconds: float = Field(5.0, gt=0, description="Seconds between two signs of life of a worker.")
+    heartbeat_seconds: float = Field(5.0, gt=0, description="Seconds between two heartbeats of a worker.")
     worker_stale_seconds: float = Field(
-        60.0, gt=0, description="Silence in seconds after which another worker takes a worker's jobs over."
+        60.0, gt=0, description="Seconds without a heartbeat after which other workers take over the jobs of a worker."
     )
-    poll_seconds: float = Field(0.5, gt=0, description="Seconds between two looks of a worker at the queue.")
-    job_ttl: float = Field(24 * 3600.0, gt=0, description="Seconds that a finished job and its files are kept.")
+    poll_seconds: float = Field(0.5, gt=0, description="Seconds between two queries of a worker for new jobs.")
+    job_ttl: float = Field(24 * 3600.0, gt=0, description="Seconds for which a finished job and its files are kept.")
     grace_seconds: float = Field(
-        30.0, gt=0, description="Seconds that requests and the running tile get to finish after SIGTERM."
+        30.0, gt=0, description="Seconds that running requests and tiles get to finish after SIGTERM."
     )
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least severe log line shown.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="Lowest level that is logged: `debug`, `info`, `warning` or `error`."
+    )
     log_format: Literal["text", "json"] = Field(
-        "text", description="Lines of the log: `text` for people, or `json`, an object a line, for programs."
+        "text", description="Format of the log: `text`, or `json` with one object per line."
     )
 
     @field_validator("database_url")
@@ -207,21 +228,26 @@ class Settings(BaseSettings):
 
     @property
     def ready_stale_seconds(self) -> float:
-        """Silence after which a worker no longer counts for readiness: three missed signs of life."""
+        """Seconds without a heartbeat after which a worker no longer counts as ready: three missed heartbeats."""
         return 3 * self.heartbeat_seconds
 
     def check_exposure(self) -> None:
-        """Raise :class:`SettingsError` where the service would be open to the network without a key."""
+        """Check that the service is not open to the network without a key.
+
+        Raises
+        ------
+        SettingsError
+        """
         if is_loopback(self.host) or self.allow_anonymous or self.api_key or self.api_keys_file:
             return
         raise SettingsError(
             f"Refusing to listen on {self.host} without a key. Set PCDNF_API_KEY or PCDNF_API_KEYS_FILE, listen on "
-            "127.0.0.1, or set PCDNF_ALLOW_ANONYMOUS=true if something in front of the service authenticates callers."
+            "127.0.0.1, or set PCDNF_ALLOW_ANONYMOUS=true if a proxy authenticates the callers."
         )
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach `host`."""
+    """Return whether only this machine can reach `host`."""
     if host == "localhost":
         return True
     try:

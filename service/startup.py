@@ -1,4 +1,4 @@
-"""The start of every process of the service: read the settings, begin to log, refuse with a sentence."""
+"""The start of every process of the service: read the settings, begin to log, refuse with a message."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def observe(settings: Settings, service: str) -> None:
 
 
 def load_settings() -> Settings:
-    """Return the settings, or end the process with a sentence on what is wrong with them."""
+    """Return the settings, or end the process with a message for each wrong one."""
     try:
         return Settings()
     except ValidationError as error:
@@ -38,14 +38,17 @@ def load_settings() -> Settings:
 
 
 def make_data_dir(settings: Settings) -> None:
-    """Make the data folder where it is missing, or end the process with a sentence."""
+    """Create the data folder if it is missing, or end the process with a message."""
     try:
         settings.data_dir.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        refuse(f"The data folder {settings.data_dir} cannot be made: {error.strerror}. Set PCDNF_DATA_DIR.")
+        refuse(
+            f"The data folder {settings.data_dir} cannot be created: {error.strerror}. Set "
+            "PCDNF_DATA_DIR to another folder."
+        )
 
 
 def refuse(reason: str) -> NoReturn:
-    """End the process because of how it was set up."""
+    """End the process with a message, because it was set up wrongly."""
     print(f"pcdnf: {reason}", file=sys.stderr)
     sys.exit(EX_CONFIG)

@@ -54,7 +54,7 @@ def test_python_client(keyed: Service, tmp_path: Path) -> None:
         sys.executable, EXAMPLES / "python_client.py", scan, tmp_path / "x.ply", status=1,
         **of(keyed, PCDNF_API_KEY="another-key-of-nobody"),
     )  # fmt: skip
-    assert "asks for a key" in refused.stderr
+    assert "requires an API key" in refused.stderr
     assert "Traceback" not in refused.stderr
 
 

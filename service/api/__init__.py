@@ -1,0 +1,1 @@
+"""The API process: HTTP, and nothing that computes or parses a cloud."""

@@ -88,10 +88,10 @@ class Keys:
             except (OSError, SettingsError) as error:
                 # At start it is the operator's error; later the keys last read stay in force.
                 if self._version is None:
-                    raise SettingsError(f"The file of keys PCDNF_API_KEYS_FILE cannot be used: {error}") from error
+                    raise SettingsError(f"The file in PCDNF_API_KEYS_FILE cannot be used: {error}") from error
                 if version != self._reported:
                     self._reported = version
-                    log.warning("the file of keys cannot be used, those last read stay in force: %s", error)
+                    log.warning("the file of keys cannot be used, the keys read last stay valid: %s", error)
 
 
 def _parse(path: Path) -> dict[bytes, str]:
@@ -99,7 +99,7 @@ def _parse(path: Path) -> dict[bytes, str]:
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise SettingsError("it is not text in UTF-8") from None
+        raise SettingsError("it is not UTF-8 text") from None
     for number, line in enumerate(text.splitlines(), 1):
         content = line.partition("#")[0].strip()
         if not content:
@@ -111,7 +111,7 @@ def _parse(path: Path) -> dict[bytes, str]:
     return keys
 
 
-_bearer = HTTPBearer(auto_error=False, description="Needed where the service was given keys")
+_bearer = HTTPBearer(auto_error=False, description="Required if the service has keys")
 
 
 def caller(request: Request, credentials: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]) -> str:
@@ -131,7 +131,7 @@ def caller(request: Request, credentials: Annotated[HTTPAuthorizationCredentials
     if owner is None:
         raise Problem(
             "not_authenticated",
-            "This service asks for a key, and the request carries none that it knows.",
+            "This service requires an API key, and the request has none or an unknown one.",
             hint="Send the header `Authorization: Bearer <key>`.",
             headers={"WWW-Authenticate": "Bearer"},
         )

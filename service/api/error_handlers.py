@@ -21,6 +21,7 @@ from ..storage.base import StorageError
 log = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
+LATER = "Try again after the number of seconds in Retry-After."
 
 
 # For errors of the framework itself.
@@ -44,12 +45,12 @@ class ProblemDetail(BaseModel):
     type: str = Field(description="`urn:pcdnf:problem:` and the code")
     title: str = Field(description="What this code means")
     status: int = Field(description="The HTTP status")
-    detail: str = Field(description="What happened, in a sentence")
+    detail: str = Field(description="What happened")
     instance: str | None = Field(None, description="The path of the request, or of the job")
     code: str = Field(description="Stable identifier for programs")
-    hint: str | None = Field(None, description="What to do about it")
-    limit: int | float | None = Field(None, description="The limit that was passed")
-    actual: int | float | None = Field(None, description="The value that passed it")
+    hint: str | None = Field(None, description="What the caller can do about it")
+    limit: int | float | None = Field(None, description="The limit that was exceeded")
+    actual: int | float | None = Field(None, description="The value that exceeded it")
 
 
 def respond(problem: Problem, request: Request) -> JSONResponse:
@@ -62,11 +63,11 @@ def respond(problem: Problem, request: Request) -> JSONResponse:
 def _from_framework(request: Request, error: HTTPException) -> Problem:
     code = _BY_STATUS.get(error.status_code, "internal_error" if error.status_code >= 500 else "bad_request")
     details = {
-        404: f"There is nothing at {request.url.path}.",
-        405: f"{request.url.path} does not answer {request.method}.",
+        404: f"There is no page at {request.url.path}.",
+        405: f"{request.url.path} does not support the method {request.method}.",
     }
     detail = details.get(error.status_code) or f"{HTTPStatus(error.status_code).phrase}: {error.detail}"
-    hint = "See /docs for the routes." if error.status_code in details else None
+    hint = "See /docs for the routes." if error.status_code in details else "See /docs for what this route accepts."
     return Problem(code, detail, hint=hint, headers=error.headers, status=error.status_code)
 
 
@@ -100,7 +101,9 @@ def install(app: FastAPI) -> None:
         if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
             return respond(disk_full(), request)
         log.error("database error: %s", type(error).__name__, exc_info=error)
-        problem = Problem("database_unavailable", "The job database did not answer.", headers={"Retry-After": "5"})
+        problem = Problem(
+            "database_unavailable", "The job database did not answer.", hint=LATER, headers={"Retry-After": "5"}
+        )
         return respond(problem, request)
 
     async def on_system(request: Request, error: Exception) -> JSONResponse:
@@ -111,7 +114,9 @@ def install(app: FastAPI) -> None:
 
     async def on_storage(request: Request, error: Exception) -> JSONResponse:
         log.error("storage error on %s: %s", request.url.path, error)
-        problem = Problem("storage_unavailable", "The storage did not answer.", headers={"Retry-After": "5"})
+        problem = Problem(
+            "storage_unavailable", "The storage did not answer.", hint=LATER, headers={"Retry-After": "5"}
+        )
         return respond(problem, request)
 
     async def on_error(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001

@@ -49,7 +49,12 @@ class Protocol(HttpToolsProtocol):
                 min(idle, key=lambda other: other._idle_since).transport.close()
             else:
                 self._refuse(
-                    Problem("too_busy", "There are too many connections.", limit=self._settings.max_connections)
+                    Problem(
+                        "too_busy",
+                        "The service has too many open connections.",
+                        hint="Close idle connections, or try again in a few seconds.",
+                        limit=self._settings.max_connections,
+                    )
                 )
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -97,7 +102,9 @@ class Protocol(HttpToolsProtocol):
 
     def send_400_response(self, msg: str) -> None:  # noqa: ARG002
         """Answer what is not HTTP, without the parser's words."""
-        self._refuse(self._refusal or Problem("bad_request", "This is no HTTP request.", hint="See /docs."))
+        self._refuse(
+            self._refusal or Problem("bad_request", "This is not an HTTP/1.1 request.", hint="See /docs for the API.")
+        )
 
     def pause_writing(self) -> None:
         """Give the caller some time to take what was sent."""
@@ -120,7 +127,8 @@ class Protocol(HttpToolsProtocol):
             return  # the head of the next request, come before this one is answered
         if self._in_head:
             seconds = self._settings.header_seconds
-            self._refuse(Problem("headers_too_slow", f"The headers did not arrive within {seconds:g} seconds."))
+            detail = f"The headers of the request did not arrive within {seconds:g} seconds."
+            self._refuse(Problem("headers_too_slow", detail, hint="Send all headers at once."))
         else:
             self.transport.close()
 
@@ -139,4 +147,9 @@ class Protocol(HttpToolsProtocol):
 
 
 def _too_large() -> Problem:
-    return Problem("headers_too_large", "The headers of the request are too long.", limit=MAX_HEADER_BYTES)
+    return Problem(
+        "headers_too_large",
+        f"The URL and the headers of the request are longer than {MAX_HEADER_BYTES} bytes together.",
+        hint="Send shorter headers, and the parameters in the form.",
+        limit=MAX_HEADER_BYTES,
+    )

@@ -30,13 +30,13 @@ def bind(settings: Settings) -> socket.socket:
     except OSError as error:
         raise SettingsError(
             f"Cannot listen on {settings.host} port {settings.port}: {error.strerror}. Set PCDNF_PORT or --port to a "
-            "free one."
+            "free port."
         ) from error
     listener.listen(BACKLOG)
     return listener
 
 
 def url(settings: Settings, listener: socket.socket) -> str:
-    """Return where the service is reached from this machine."""
+    """Return the URL of the service on this machine."""
     host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(settings.host, settings.host)
     return f"http://{f'[{host}]' if ':' in host and host[0] != '[' else host}:{listener.getsockname()[1]}"

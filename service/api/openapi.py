@@ -42,7 +42,7 @@ def errors(*codes: str) -> Responses:
     """Return the OpenAPI responses of these problems and of those of every route, all of one shape, with examples."""
     found: Responses = {}
     for code in (*EVERYWHERE, *codes):
-        problem = Problem(code, "What happened, in a sentence.")
+        problem = Problem(code, "What happened.", hint="What the caller can do about it.")
         media: dict[str, Any] = {"schema": {"$ref": "#/components/schemas/ProblemDetail"}, "examples": {}}
         response = {"description": HTTPStatus(problem.status).phrase, "content": {MEDIA_TYPE: media}}
         examples = found.setdefault(problem.status, response)["content"][MEDIA_TYPE]["examples"]

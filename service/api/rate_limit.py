@@ -41,8 +41,8 @@ class Rates:
         if left < 1:
             raise Problem(
                 "too_many_requests",
-                f"You send more than {self._limit} requests a minute.",
-                hint="Ask for a job less often, or follow it with GET /jobs/{id}/events.",
+                f"You send more than {self._limit} requests per minute.",
+                hint="Poll less often, or follow a job with GET /jobs/{id}/events.",
                 headers={"Retry-After": str(math.ceil((1 - left) * 60 / self._limit))},
                 limit=self._limit,
             )

@@ -24,7 +24,7 @@ class WorkerView(BaseModel):
     state: str = Field(description="`starting`, `ready` or `stopping`")
     device: str | None = None
     device_requested: str | None = None
-    cpu_fallback: bool | None = Field(None, description="Whether the CPU was taken because there is no GPU")
+    cpu_fallback: bool | None = Field(None, description="Whether `auto` chose the CPU because there is no GPU")
     precision: str | None = None
     model: str | None = None
     weights_sha256: str | None = None
@@ -57,7 +57,7 @@ def readiness(
         with engine.connect() as connection:
             drained = drain_switch.is_on(connection, drain_switch.DRAIN)
         if drained:
-            failed.append("The service is drained: it takes no new jobs.")
+            failed.append("The service is draining and takes no new jobs.")
         views = [
             WorkerView(
                 id=worker.id,
@@ -79,8 +79,15 @@ def readiness(
         failed.append("The storage does not answer.")
     free = storage.free_bytes()
     if free < settings.min_free_bytes:
-        failed.append(f"Only {free} bytes of disk space are free.")
+        failed.append(f"Only {free} bytes of disk space are free, fewer than PCDNF_MIN_FREE_BYTES.")
     if failed:
         shown: list[dict[str, Any]] = [view.model_dump(exclude_none=True) for view in views]
-        raise Problem("not_ready", " ".join(failed), headers={"Retry-After": "2"}, workers=shown, free_bytes=free)
+        raise Problem(
+            "not_ready",
+            " ".join(failed),
+            hint="Wait until the service has started. If this goes on, run `pcdnf doctor` on its machine.",
+            headers={"Retry-After": "2"},
+            workers=shown,
+            free_bytes=free,
+        )
     return Readiness(workers=views, free_bytes=free)

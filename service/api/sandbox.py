@@ -54,7 +54,7 @@ class Sandbox:
             async with asyncio.timeout(WALL_FACTOR * settings.check_seconds):
                 output, _ = await process.communicate()
         except TimeoutError:
-            return _refused("took_too_long", "Reading the file takes more time than the server gives it.")
+            return _refused("took_too_long", "Reading the file takes longer than this service allows.")
         finally:
             if process.returncode is None:
                 process.kill()
@@ -63,7 +63,10 @@ class Sandbox:
             log.error("the child process %s ended with status %d", module, process.returncode)
             if process.returncode > 0:  # no signal, so a defect: want of memory is answered, or ends it with one
                 raise unexpected()
-            return _refused("not_enough_memory", "Reading the file ended its checker, most likely for want of memory.")
+            return _refused(
+                "not_enough_memory",
+                "The process that reads the file ended unexpectedly, most likely because it ran out of memory.",
+            )
         answer: dict[str, Any] = json.loads(output)
         return answer
 
@@ -73,5 +76,5 @@ def _refused(code: str, detail: str) -> dict[str, Any]:
         "ok": False,
         "code": code,
         "detail": detail,
-        "hint": "Cut the cloud into parts, or send it as binary PLY.",
+        "hint": "Split the cloud into smaller parts, or send it as binary PLY.",
     }

@@ -35,7 +35,7 @@ class Shutdown:
         if self.begun:
             raise Problem(
                 "stopping",
-                "The service is stopping and takes no new jobs; those it has go on when it starts again.",
-                hint="Send the file again after the seconds in Retry-After.",
+                "The service is stopping and takes no new jobs. Accepted jobs continue after the next start.",
+                hint="Send the file again after the number of seconds in Retry-After.",
                 headers={"Retry-After": str(RETRY_SECONDS)},
             )

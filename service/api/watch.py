@@ -101,8 +101,8 @@ class Watch:
         if self.full:
             raise Problem(
                 "too_busy",
-                f"{len(self._followers)} requests are already waiting for jobs.",
-                hint="Ask for GET /jobs/{id} now and then instead.",
+                f"{len(self._followers)} requests are already waiting for jobs, the limit of this service.",
+                hint="Poll GET /jobs/{id} instead.",
                 headers={"Retry-After": "5"},
                 limit=self._most,
             )

@@ -1,0 +1,1 @@
+"""The job database: its tables, its engine, its upgrades."""

@@ -59,8 +59,8 @@ class Admission:
             if used + more > limit:
                 raise Problem(
                     "quota_exceeded",
-                    f"Your unfinished jobs would come to {used + more} {name}; you may have {limit}.",
-                    hint="Wait until some of your jobs have finished, or cancel one.",
+                    f"With this job your unfinished jobs would have {used + more} {name}. The limit is {limit}.",
+                    hint="Wait until some of your jobs have finished, or cancel one of them.",
                     headers={"Retry-After": _seconds(used + more - limit, used, own.points, pace)},
                     unit=name,
                     limit=limit,
@@ -71,8 +71,8 @@ class Admission:
             if used + more > limit:
                 raise Problem(
                     "queue_full",
-                    f"The queue is full: with this job it would hold {used + more} {name} of at most {limit}.",
-                    hint="Send the file again after the seconds in Retry-After.",
+                    f"With this job the queue would hold {used + more} {name}. The limit is {limit}.",
+                    hint="Send the file again after the number of seconds in Retry-After.",
                     headers={"Retry-After": _seconds(used + more - limit, used, all_load.points, pace)},
                     unit=name,
                     limit=limit,
@@ -84,8 +84,8 @@ class Admission:
         if asked.points > limit:
             raise Problem(
                 "too_much_work",
-                f"The job has {asked.points} points times iterations; the queue takes {limit} at a time.",
-                hint="Ask for fewer iterations, or cut the cloud into parts.",
+                f"The job has {asked.points} points times iterations. The limit of the queue is {limit}.",
+                hint="Ask for fewer iterations, or split the cloud into smaller parts.",
                 limit=limit,
                 actual=asked.points,
             )
@@ -93,8 +93,8 @@ class Admission:
         if asked.bytes > limit:
             raise Problem(
                 "upload_too_large",
-                f"The upload has {asked.bytes} bytes; the queue takes {limit} at a time.",
-                hint="Send a smaller cloud, or a binary file instead of text.",
+                f"The upload has {asked.bytes} bytes. The limit of the queue is {limit}.",
+                hint="Send a smaller cloud, or a binary file in place of text.",
                 limit=limit,
                 actual=asked.bytes,
             )

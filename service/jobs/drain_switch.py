@@ -41,7 +41,7 @@ def check_open(connection: sa.Connection) -> None:
     if is_on(connection, DRAIN):
         raise Problem(
             "draining",
-            "The service takes no new jobs for now; those it has are worked off.",
-            hint="Send the file again after the seconds in Retry-After.",
+            "The service is draining: it finishes the jobs it has and takes no new ones.",
+            hint="Send the file again after the number of seconds in Retry-After.",
             headers={"Retry-After": str(RETRY_SECONDS)},
         )

@@ -97,8 +97,8 @@ class Retention:
             limit, actual = (self._budget, used + needed) if over == short else (free, self._min_free + needed)
             raise Problem(
                 "disk_full",
-                "There is not enough disk space for this.",
-                hint="Delete jobs that you no longer need, or try again later.",
+                "The service does not have enough disk space for this.",
+                hint="Delete jobs that you no longer need, or try again after the number of seconds in Retry-After.",
                 headers={"Retry-After": "60"},
                 limit=limit,
                 actual=actual,

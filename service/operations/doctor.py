@@ -1,6 +1,6 @@
-"""``pcdnf doctor``: look at everything the service needs, and say what to do where something is amiss.
+"""``pcdnf doctor``: check everything the service needs, and say how to repair what is wrong.
 
-It changes nothing: no database is made or upgraded, and the file it tries the storage with is removed again.
+It changes nothing: it creates and upgrades no database, and removes the file with which it tests the storage.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Level = Literal["ok", "warning", "problem"]
 ANSWER_SECONDS = 3.0
 STORAGE_SECONDS = 5.0
 MIB = 1024 * 1024
-NOT_READY_ADVICE = "Wait a little if it has just been started; else look at its log."
+NOT_READY_ADVICE = "If it has just been started, wait a little. Otherwise look at its log."
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found out about one thing; `advice` says what to do where it is not ok."""
+    """The result of one check; `advice` says how to repair what is not ok."""
 
     about: str
     level: Level
@@ -54,7 +54,7 @@ class Finding:
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
-    """Look at one thing after the other."""
+    """Run one check after the other."""
     for check in CHECKS:
         yield from check(settings)
 
@@ -73,16 +73,18 @@ def _device(settings: Settings) -> Iterator[Finding]:
         advice = (
             "Install the CUDA build from PyPI: pip install --force-reinstall torch==" + torch.__version__.split("+")[0]
         )
-        yield Finding("torch", "warning", "This machine has NVIDIA's driver, but torch is a build for CPUs.", advice)
+        yield Finding("torch", "warning", "This machine has the NVIDIA driver, but torch is a CPU build.", advice)
     try:
         device = choose_device(settings.device)
         precision = choose_precision(settings.precision, device=device)
     except PcdnfError as error:
-        yield Finding("device", "problem", str(error), f"Set PCDNF_DEVICE. {error.hint or ''}".strip())
+        yield Finding(
+            "device", "problem", str(error), f"Set PCDNF_DEVICE to another device. {error.hint or ''}".strip()
+        )
         return
     if settings.require_gpu and device == "cpu":
-        advice = "Give the worker a CUDA device and a CUDA build of torch, or unset PCDNF_REQUIRE_GPU."
-        yield Finding("device", "problem", "PCDNF_REQUIRE_GPU is set, but there is only a CPU.", advice)
+        advice = "Give the worker a CUDA device and install a CUDA build of torch, or unset PCDNF_REQUIRE_GPU."
+        yield Finding("device", "problem", "PCDNF_REQUIRE_GPU is set, but there is no GPU.", advice)
         return
     chosen = " (auto: there is no GPU)" if settings.device == "auto" and device == "cpu" else ""
     yield Finding("device", "ok", f"{device}{chosen}, {precision}")
@@ -97,41 +99,45 @@ def _weights(settings: Settings) -> Iterator[Finding]:
         try:
             info, _ = load_checkpoint(name)
         except PcdnfError as error:
-            yield Finding("weights", "problem", str(error), error.hint or "Install pcdnf again.")
+            yield Finding("weights", "problem", str(error), error.hint or "Reinstall pcdnf.")
         else:
-            yield Finding("weights", "ok", f"{name}: {info.sha256[:16]}…, as it was shipped")
+            yield Finding("weights", "ok", f"{name}: {info.sha256[:16]}…, unchanged")
     if settings.default_model not in names:
-        text = f"There is no model {settings.default_model!r}."
+        text = f"There is no model named {settings.default_model!r}."
         yield Finding("weights", "problem", text, f"Set PCDNF_DEFAULT_MODEL to one of {', '.join(names)}.")
 
 
 def _extras(_: Settings) -> Iterator[Finding]:
     for title, module, extra in (("LAZ", "lazrs", "las"), ("E57", "pye57", "e57")):
         there = find_spec(module) is not None
-        text = f"{title} is read and written" if there else f"{title} is not installed: pip install 'pcdnf[{extra}]'"
+        text = (
+            f"{title} can be read and written" if there else f"{title} is not installed: pip install 'pcdnf[{extra}]'"
+        )
         yield Finding("formats", "ok", text)
     if tracing.is_enabled() and not find_spec("opentelemetry.exporter"):
         advice = "Run: pip install 'pcdnf[traces]', or unset OTEL_EXPORTER_OTLP_ENDPOINT."
-        yield Finding("traces", "problem", "Traces are asked for, but their libraries are not installed.", advice)
+        yield Finding(
+            "traces", "problem", "The environment asks for traces, but their libraries are not installed.", advice
+        )
 
 
 def _data_folder(settings: Settings) -> Iterator[Finding]:
     folder = settings.data_dir.absolute()
     there = next(path for path in (folder, *folder.parents) if path.exists())
-    advice = "Give it to the service's user, or set PCDNF_DATA_DIR to another folder."
+    advice = "Make it writable for the user of the service, or set PCDNF_DATA_DIR to another folder."
     try:
         probe = there / f".{new_id()}"
         probe.write_bytes(b"pcdnf")
         probe.unlink()
     except OSError as error:
-        yield Finding("data", "problem", f"{there} cannot be written to: {error.strerror}.", advice)
+        yield Finding("data", "problem", f"{there} is not writable: {error.strerror}.", advice)
         return
-    text = f"{folder} can be written to" if there == folder else f"{folder} can be made"
+    text = f"{folder} is writable" if there == folder else f"{folder} can be created"
     yield Finding("data", "ok", text)
     free, least = shutil.disk_usage(there).free, settings.min_free_bytes
-    summary = f"{free // MIB} MiB free, {least // MIB} MiB are kept free"
+    summary = f"{free // MIB} MiB are free, at least {least // MIB} MiB must stay free"
     if free < least:
-        advice = "Make room, or lower PCDNF_MIN_FREE_BYTES; until then the service is not ready."
+        advice = "Free some space, or lower PCDNF_MIN_FREE_BYTES. Until then the service is not ready."
         yield Finding("disk", "problem", f"{summary}.", advice)
     else:
         yield Finding("disk", "ok", summary)
@@ -150,17 +156,19 @@ def _storage(settings: Settings) -> Iterator[Finding]:
         storage.delete_job(job_id)
         used = storage.used_bytes()
     except (StorageError, SettingsError, OSError) as error:
-        advice = "Look at PCDNF_STORAGE_URL, and at the name, region and key of the bucket where it is one."
+        advice = "Check PCDNF_STORAGE_URL and, for a bucket, its name, its region and its keys."
         yield Finding("storage", "problem", f"The storage cannot be used: {error}", advice)
         return
     if back != b"pcdnf":
-        advice = "Use a storage that gives back at once what was put into it."
-        yield Finding("storage", "problem", "The storage gave back something else than it was given.", advice)
+        advice = "Use a storage that returns a file as soon as it is written."
+        yield Finding("storage", "problem", "The storage returned other bytes than were written.", advice)
         return
     budget = settings.disk_budget_bytes
-    summary = f"{used // MIB} MiB in jobs" + (f", of a budget of {budget // MIB} MiB" if budget else ", no budget")
+    summary = f"jobs use {used // MIB} MiB" + (
+        f" of a budget of {budget // MIB} MiB" if budget else ", there is no budget"
+    )
     if budget and used > 0.9 * budget:
-        advice = "The oldest results expire early. Raise PCDNF_DISK_BUDGET_BYTES, or lower PCDNF_JOB_TTL."
+        advice = "The oldest results will expire early. Raise PCDNF_DISK_BUDGET_BYTES, or lower PCDNF_JOB_TTL."
         yield Finding("storage", "warning", f"{summary}.", advice)
     else:
         yield Finding("storage", "ok", summary)
@@ -171,22 +179,27 @@ def _database(settings: Settings) -> Iterator[Finding]:
     sqlite = url.get_backend_name() == "sqlite"
     name = str(url.database) if sqlite else url.render_as_string(hide_password=True)
     if sqlite and not Path(name).exists():
-        yield Finding("database", "ok", f"{name} will be made at the first start")
+        yield Finding("database", "ok", f"{name} will be created at the first start")
         return
     engine = create_engine(settings)
     try:
         absent = lacking(engine)
         if absent:
-            advice = "Nothing to do: the next start upgrades it. There is no way back, so make a copy first."
-            yield Finding("database", "warning", f"{name} is of an older version: it lacks {absent}.", advice)
+            advice = "The next start upgrades it. An upgrade cannot be undone, so make a copy first."
+            yield Finding("database", "warning", f"{name} is of an older version, without {absent}.", advice)
             return
-        yield Finding("database", "ok", f"{name} answers and is of this version")
+        yield Finding("database", "ok", f"{name} answers and is up to date")
         with engine.connect() as connection:
             if drain_switch.is_on(connection, drain_switch.DRAIN):
-                yield Finding("drain", "warning", "The service takes no new jobs.", "To open it: pcdnf drain --off")
+                yield Finding(
+                    "drain",
+                    "warning",
+                    "The service is draining and takes no new jobs.",
+                    "To open it, run: pcdnf drain --off",
+                )
     except SQLAlchemyError as error:
         text = f"{name} does not answer: {type(error).__name__}."
-        yield Finding("database", "problem", text, "Look at PCDNF_DATABASE_URL, and whether the server runs.")
+        yield Finding("database", "problem", text, "Check PCDNF_DATABASE_URL, and whether the server runs.")
     finally:
         engine.dispose()
 
@@ -197,15 +210,15 @@ def _keys(settings: Settings) -> Iterator[Finding]:
         keys = Keys.of(settings)
     except SettingsError as error:
         text, _, advice = str(error).partition(". ")
-        yield Finding("keys", "problem", text, advice or "A line of it is name:sha256-of-the-key-in-hex.")
+        yield Finding("keys", "problem", text, advice or "Each of its lines must be name:sha256-of-the-key-in-hex.")
         return
     if keys.required:
-        yield Finding("keys", "ok", f"{keys.count} keys are in force")
+        yield Finding("keys", "ok", f"{keys.count} keys are valid")
     elif settings.allow_anonymous:
-        advice = "Be sure that something in front of the service authenticates callers."
-        yield Finding("keys", "warning", f"Anyone who reaches {settings.host} may use the service.", advice)
+        advice = "Make sure that a proxy authenticates the callers."
+        yield Finding("keys", "warning", f"Anyone who can reach {settings.host} can use the service.", advice)
     else:
-        yield Finding("keys", "ok", f"no key is asked for, on {settings.host} alone")
+        yield Finding("keys", "ok", f"no key is required, because only this machine can reach {settings.host}")
 
 
 def _service(settings: Settings) -> Iterator[Finding]:
@@ -222,7 +235,7 @@ def _service(settings: Settings) -> Iterator[Finding]:
     except ValueError:
         reported = None
     if not isinstance(reported, dict) or not {"workers", "code"} & reported.keys():
-        advice = "Set PCDNF_PORT or --port to a free one."
+        advice = "Set PCDNF_PORT or --port to a free port."
         yield Finding("port", "problem", f"Another program answers at {address}.", advice)
     elif answer.status_code == 200:
         yield Finding("service", "ok", f"{address} is ready, with {len(reported['workers'])} workers")
@@ -234,8 +247,8 @@ def _port(settings: Settings) -> Finding:
     try:
         bind(settings).close()
     except SettingsError as error:
-        return Finding("port", "problem", f"Port {settings.port} is taken, and no service answers there.", str(error))
-    return Finding("port", "ok", f"port {settings.port} of {settings.host} is free; no service runs there")
+        return Finding("port", "problem", f"Port {settings.port} is in use, but no service answers there.", str(error))
+    return Finding("port", "ok", f"port {settings.port} of {settings.host} is free, no service is running")
 
 
 CHECKS: list[Callable[[Settings], Iterator[Finding]]] = [

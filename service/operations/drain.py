@@ -1,4 +1,4 @@
-"""``pcdnf drain``: let the service take no new jobs, and wait until it has finished those it has."""
+"""``pcdnf drain``: stop accepting new jobs, and wait until the accepted ones are finished."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ LOOK_SECONDS, PRINT_SECONDS = 1.0, 10.0
 
 
 def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
-    """Turn draining on or off, or leave it and the database as they are with None, and print how the service stands.
+    """Turn draining on or off, and print the state of the service.
 
     Parameters
     ----------
     settings : Settings
     on : bool or None
+        None changes nothing, neither the switch nor the database.
     wait : bool
-        Come back when no job is unfinished, telling now and then how many are.
+        Return only when all jobs are finished, and print their number from time to time.
 
     Raises
     ------
     SettingsError
-        If there is no job database where the settings say, or, with None, one of an older version.
+        If the job database does not exist, does not answer, or with None is of an older version.
     """
     engine = _open(settings)
     try:
         absent = lacking(engine)
         if absent and on is None:
             raise SettingsError(
-                f"The job database has no {absent}: it is empty, or of an older version, and is upgraded when the "
-                "service starts."
+                f"The job database has no {absent}. It is empty or of an older version. Start the service once to "
+                "upgrade it."
             )
         if absent:
             migrate(settings)
@@ -57,13 +58,16 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
                 return
             time.sleep(LOOK_SECONDS)
     except SQLAlchemyError as error:
-        raise SettingsError(f"The job database cannot be reached: {type(error).__name__}.") from error
+        raise SettingsError(
+            f"The job database does not answer: {type(error).__name__}. Check PCDNF_DATABASE_URL, and "
+            "whether the server runs."
+        ) from error
     finally:
         engine.dispose()
 
 
 def _open(settings: Settings) -> sa.Engine:
-    """Return the engine of the job database; none is made where there is none.
+    """Return the engine of the job database, which must exist.
 
     Raises
     ------
@@ -72,23 +76,26 @@ def _open(settings: Settings) -> sa.Engine:
     url = sa.make_url(settings.resolved_database_url)
     if url.get_backend_name() == "sqlite" and not Path(str(url.database)).exists():
         raise SettingsError(
-            f"There is no job database at {url.database}. Set PCDNF_DATA_DIR, or --data-dir, to the service's folder."
+            f"There is no job database at {url.database}. Set PCDNF_DATA_DIR or --data-dir to the "
+            "folder of the service."
         )
     return create_engine(settings)
 
 
 def _state(engine: sa.Engine, settings: Settings) -> tuple[str, int]:
-    """Return how the service stands in a line, and the number of unfinished jobs."""
+    """Return the state of the service as a line, and the number of unfinished jobs."""
     jobs = jobs_table
     left = sa.func.coalesce(sa.func.sum(jobs.c.total - jobs.c.done), 0)
     with engine.connect() as connection:
         drained = drain_switch.is_on(connection, drain_switch.DRAIN)
         query = sa.select(sa.func.count(), left).where(jobs.c.status.in_(LIVE))
         unfinished, points = map(int, connection.execute(query).one())
-    line = "Drained: no new jobs are taken." if drained else "Open: new jobs are taken."
+    line = "Draining: new jobs are refused." if drained else "Open: new jobs are accepted."
     line += (
-        f" Unfinished jobs: {unfinished}, with {points} points times passes." if unfinished else " None is unfinished."
+        f" Unfinished jobs: {unfinished}, with {points} points times passes."
+        if unfinished
+        else " All jobs are finished."
     )
     if unfinished and not Workers(engine).alive(settings.worker_stale_seconds):
-        line += " No worker is running, they wait for one."
+        line += " No worker is running, so they wait."
     return line, unfinished

@@ -32,4 +32,5 @@ def open_storage(settings: Settings, *, patience: float) -> Storage:
 
         return BucketStorage(url, settings.data_dir, patience=patience)
     except (StorageError, OSError) as error:
-        raise SettingsError(f"{url} cannot be used for storage: {error}") from error
+        reason = str(error).rstrip(".")
+        raise SettingsError(f"{url} cannot be used as storage: {reason}. Check PCDNF_STORAGE_URL.") from error

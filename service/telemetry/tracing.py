@@ -50,7 +50,7 @@ def configure(service: str) -> None:
     except ImportError as error:
         raise TracesMissingError(
             f"{' or '.join(ENDPOINTS)} is set, but the libraries that send traces are not installed. "
-            "Run: pip install 'pcdnf[traces]', or unset it."
+            "Run: pip install 'pcdnf[traces]', or unset the variable."
         ) from error
     name = os.environ.get("OTEL_SERVICE_NAME", service)
     provider = TracerProvider(resource=Resource.create({"service.name": name}), shutdown_on_exit=False)  # see close

@@ -42,9 +42,9 @@ class ModelCache:
             self.device = "cuda:0" if torch.cuda.is_available() else "cpu"
         if settings.require_gpu and self.device == "cpu":
             raise PcdnfError(
-                "PCDNF_REQUIRE_GPU is set, but the worker would run on the CPU.",
+                "PCDNF_REQUIRE_GPU is set, but the worker found no GPU.",
                 code="gpu_required",
-                hint="Give the process a CUDA device and a CUDA build of torch, or unset PCDNF_REQUIRE_GPU.",
+                hint="Give the process a CUDA device and install a CUDA build of torch, or unset PCDNF_REQUIRE_GPU.",
             )
 
     def get(self, name: str) -> Denoiser:

@@ -11,7 +11,7 @@ from .model_cache import ModelCache
 
 
 class Peers:
-    """This worker among the others.
+    """The other workers of the service, seen from one.
 
     Parameters
     ----------

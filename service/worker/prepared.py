@@ -59,9 +59,9 @@ def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
             cached = _prepare(runtime, job, now, progress)
     if now.order is not None and cached.order != now.order:
         raise PcdnfError(
-            "This worker put the points of the cloud into another order than the one that began the job.",
+            "This worker orders the points of the cloud differently from the worker that began the job.",
             code=DIFFERS,
-            hint="Submit the file again. Workers that share a queue should run on one kind of machine.",
+            hint="Submit the file again. Run all workers of a queue on the same kind of machine.",
         )
     return cached
 
@@ -105,7 +105,7 @@ def pinned_model(runtime: Runtime, job: Job) -> Denoiser:
     known = job.execution or {}
     if known and known["weights_sha256"] != execution["weights_sha256"]:
         raise PcdnfError(
-            "The service was updated to other weights while this job was under way.",
+            "The weights of the model were replaced while this job was running.",
             code="model_changed",
             hint="Submit the file again.",
         )

@@ -64,6 +64,8 @@ def fail_given_up(attempts: Attempts) -> None:
         return
     for workflow in DBOS.list_workflows(workflow_ids=live, status=GIVEN_UP, load_input=False, load_output=False):
         log.error("the engine gave job %s up: %s", workflow.workflow_id, workflow.status)
-        problem = Problem("internal_error", "The service met an error of its own.", hint="Submit the file again.")
+        problem = Problem(
+            "internal_error", "The service failed because of an internal error.", hint="Submit the file again."
+        )
         if not attempts.fail(workflow.workflow_id, problem.body(f"/jobs/{workflow.workflow_id}")):
             attempts.cancel(workflow.workflow_id)

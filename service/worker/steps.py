@@ -55,10 +55,13 @@ Outcome = dict[str, Any]
 def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
     """Return the problem a failed job shows."""
     known = {
-        "disk_full": ("The service ran out of disk space.", "Try again later."),
-        "internal_error": ("The service met an error of its own.", "The log of the worker says more."),
+        "disk_full": ("The service ran out of disk space.", "Submit the file again later."),
+        "internal_error": (
+            "The service failed because of an internal error.",
+            "Look up the id of the job in the log of the worker.",
+        ),
     }
-    known_detail, known_hint = known.get(code, (code, None))
+    known_detail, known_hint = known.get(code, (code, "Submit the file again."))
     status = None if code in CATALOGUE else 422
     return Problem(code, detail or known_detail, hint=hint or known_hint, status=status).body()
 
@@ -103,8 +106,8 @@ def _as_step(name: str, function: Callable[..., Outcome]) -> Callable[..., Outco
         except DiskFullError:
             return {"problem": problem_of("disk_full")}
         except MemoryError:
-            detail = "The worker has not enough memory for this cloud."
-            return {"problem": problem_of("out_of_memory", detail, "Send the cloud in parts.")}
+            detail = "The worker does not have enough memory for this cloud."
+            return {"problem": problem_of("out_of_memory", detail, "Split the cloud into smaller parts.")}
         finally:
             sweep(job_id)  # a worker that was frozen may have written after the job had ended elsewhere
 
@@ -239,7 +242,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
             if name == given.flavour.format:
                 raise
             # This format cannot hold everything this file carries.
-            warnings.append(f"There is no {FORMATS[name].title} result. {error}")
+            warnings.append(f"The result is not available as {FORMATS[name].title}. {error}")
             continue
         warnings += notes
         results[name] = facts
@@ -252,7 +255,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
             normals=normals,
             colour=colours(given),
         )
-    lost = int(merged["flagged"].sum())
-    if lost:
-        warnings.append(f"{lost} points had too few neighbours and are returned as they came.")
+    flagged = int(merged["flagged"].sum())
+    if flagged:
+        warnings.append(f"{flagged} points have too few neighbours and are returned unchanged.")
     return {"results": results, "warnings": warnings}

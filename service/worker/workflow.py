@@ -92,9 +92,9 @@ def _failure(job_id: str, error: Exception) -> dict[str, Any]:
 
 def _check_crashes(job: Job) -> None:
     if job.crashes >= MAX_CRASHES:
-        detail = f"The worker process died {job.crashes} times at the same place of this job, which was then given up."
+        detail = f"The worker process crashed {job.crashes} times at the same place of this job."
         raise JobEndedError(
-            problem_of("worker_lost", detail, "Send a smaller cloud; if that works, please report this one.")
+            problem_of("worker_lost", detail, "Submit a smaller cloud. If that works, please report this one.")
         )
 
 

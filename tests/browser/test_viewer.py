@@ -103,7 +103,7 @@ def test_a_download_that_is_gone_says_why(running: Service, make_page: MakePage,
     wait_state(page, "result")
     running.client.delete(f"/jobs/{job['id']}")
     page.click("#download")
-    expect(page.locator("#toast")).to_contain_text("There is no such job.")
+    expect(page.locator("#toast")).to_contain_text("You have no job with this id.")
 
 
 def test_cancel(running: Service, make_page: MakePage, tmp_path: Path) -> None:

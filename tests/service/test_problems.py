@@ -77,6 +77,7 @@ def test_one_shape(client: httpx.Client, method: str, path: str, status: int, co
     assert body["type"] == f"urn:pcdnf:problem:{code}"
     assert body["instance"] == path
     assert body["title"]
+    assert body["hint"].endswith(".")
     assert body["detail"].endswith((".", "reason"))
     assert "secret" not in response.text
 

@@ -52,8 +52,8 @@ def idempotency_key(request: Request) -> str | None:
     if len(given) > 1 or match is None:
         raise Problem(
             "bad_request",
-            f"{HEADER} needs one value of 1 to {LONGEST_KEY} visible ASCII characters.",
-            hint="Send a fresh UUID for each job, and the same one when you send that job again.",
+            f"The header {HEADER} must be a single value of 1 to {LONGEST_KEY} visible ASCII characters.",
+            hint="Send a new UUID for each job, and the same UUID when you repeat the request.",
         )
     return match[1]
 
@@ -78,8 +78,8 @@ class Claim:
         if self.fingerprint != fingerprint:
             raise Problem(
                 "idempotency_key_reused",
-                f"This {HEADER} was sent before with another file, file name or other parameters.",
-                hint="Send a fresh key for a new job.",
+                f"This {HEADER} was already used with another file, file name or set of parameters.",
+                hint="Send a new key for a new job.",
             )
 
 
@@ -116,8 +116,8 @@ class Claims:
             elif row["held"]:
                 raise Problem(
                     "idempotency_key_in_use",
-                    f"A request with this {HEADER} is still being uploaded.",
-                    hint="Wait for its answer, or send this one again in a moment.",
+                    f"Another request with this {HEADER} is still uploading.",
+                    hint="Wait for its response, or repeat this request after the number of seconds in Retry-After.",
                     headers={"Retry-After": "2"},
                 )
             else:
@@ -148,8 +148,8 @@ class Claims:
         if connection.execute(table.update().where(_unbound(claim)).values(values)).rowcount != 1:
             raise Problem(
                 "idempotency_key_in_use",
-                f"Another request took this {HEADER} over meanwhile.",
-                hint="Send this one again in a moment.",
+                f"Another request with this {HEADER} was faster.",
+                hint="Send this request again after the number of seconds in Retry-After.",
                 headers={"Retry-After": "2"},
             )
 

@@ -59,8 +59,8 @@ class Inspector:
         found = Inspection(answer["format"], answer["points"], answer["has_normals"], answer["warnings"])
         if parameters.normals == "input" and not found.has_normals:
             raise Problem(
-                "normals_missing", "The file has no normals, but normals=input was asked for.",
-                hint="Leave `normals` out to have them estimated.",
+                "normals_missing", "The parameter normals=input needs normals, but the file has none.",
+                hint="Leave `normals` out, and they are estimated.",
             )  # fmt: skip
         return found
 
@@ -71,9 +71,9 @@ def file_problem(answer: dict[str, Any]) -> Problem:
     return Problem(
         code,
         answer["detail"],
-        hint=answer["hint"],
+        hint=answer["hint"] or "Open the file with another program, and save it again.",
         status=None if code in CATALOGUE else 422,
-        title=None if code in CATALOGUE else "The file is not a usable point cloud",
+        title=None if code in CATALOGUE else "File cannot be used",
         limit=answer.get("limit"),
         actual=answer.get("actual"),
     )

@@ -17,6 +17,7 @@ from ...settings import Settings
 from .. import schemas
 
 SEED_LIMIT = 2**32
+FAST_HINT = "Leave `fast` out, or choose another model."
 _CASED = ("model",)  # values whose case means something
 
 
@@ -102,7 +103,8 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     if iterations != "auto" and iterations > settings.max_iterations:
         raise Problem(
             "invalid_parameters",
-            f"iterations: {iterations} passes were asked for, this service allows {settings.max_iterations}.",
+            f"iterations: the job asks for {iterations} passes, but this service allows {settings.max_iterations}.",
+            hint=f"Ask for at most {settings.max_iterations} passes, or for `auto`.",
             limit=settings.max_iterations,
             actual=iterations,
         )
@@ -110,13 +112,13 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     if name not in schemas.shipped():
         raise Problem(
             "invalid_parameters",
-            "model: there is no such model.",
+            f"model: there is no model named {name[:40]!r}.",
             hint=f"Use one of {', '.join(sorted(schemas.shipped()))}.",
         )
     try:
         check_fast(parameters.fast, schemas.shipped()[name].kind)
     except ChoiceError as error:
-        raise Problem("invalid_parameters", f"fast: {error}", hint=error.hint) from error
+        raise Problem("invalid_parameters", f"fast: {error}", hint=error.hint or FAST_HINT) from error
     return parameters.model_copy(update={"model": name})
 
 

@@ -63,8 +63,8 @@ def _replay(state: State, claim: Claim, upload: Upload, parameters: Parameters) 
     if job is None or state.jobs.expired(job):
         raise Problem(
             "job_expired",
-            "The job of this key has expired and its files were removed.",
-            hint="Submit the file again, with a fresh key.",
+            "The job that was created with this key has expired and its files were removed.",
+            hint="Submit the file again with a new key.",
         )
     return job
 

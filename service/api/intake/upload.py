@@ -52,7 +52,7 @@ def clean_name(name: str | None) -> str:
 
 
 def _suffix(name: str) -> str:
-    """The ending of a file name in lower case, with its dot; empty for none."""
+    """Return the ending of a file name in lower case with its dot, or an empty string."""
     return "." + name.rpartition(".")[2].lower() if "." in name else ""
 
 
@@ -76,11 +76,13 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
     except BaseException as error:
         path.unlink(missing_ok=True)
         if isinstance(error, ClientDisconnect):
-            raise Problem("bad_request", "The connection closed before the upload was complete.") from error
+            raise Problem(
+                "bad_request", "The connection closed before the upload was complete.", hint="Send the file again."
+            ) from error
         raise
     if upload.size == 0:
         path.unlink(missing_ok=True)
-        raise Problem("empty_upload", "The upload has no bytes.", hint=f"Send {titles()}.")
+        raise Problem("empty_upload", "The upload has 0 bytes.", hint=f"Send {titles()}.")
     upload.is_text |= content_type in TEXT_TYPES
     return upload
 
@@ -93,7 +95,7 @@ def declared_bytes(request: Request) -> int:
 
 def _check_headers(request: Request, content_type: str, settings: Settings) -> None:
     if request.headers.get("content-encoding", "identity").lower() != "identity":
-        raise Problem("unsupported_encoding", "The upload has a Content-Encoding.", hint="Send the file as it is.")
+        raise Problem("unsupported_encoding", "The upload has a Content-Encoding.", hint="Send the file without one.")
     if content_type != "multipart/form-data" and content_type not in RAW_TYPES:
         raise Problem(
             "unsupported_media_type",
@@ -170,15 +172,20 @@ async def _multipart(request: Request, boundary: bytes, sink: _Sink) -> Upload:
         async for chunk in chunks(request, sink.settings):
             received += len(chunk)
             if received - sink.size > MULTIPART_OVERHEAD + len(chunk):
-                raise Problem("invalid_upload", "The form has too much beside the file.", limit=MULTIPART_OVERHEAD)
+                raise Problem(
+                    "invalid_upload",
+                    f"The form has more than {MULTIPART_OVERHEAD} bytes beside the file.",
+                    hint="Send one part named `file` and the parameters, nothing else.",
+                    limit=MULTIPART_OVERHEAD,
+                )
             parser.write(chunk)
             await sink.flush()
         parser.finalize()
     except (FormParserError, ValueError) as error:
-        raise Problem("invalid_upload", "The multipart body is malformed or incomplete.") from error
+        raise _malformed() from error
     await sink.flush(everything=True)
     if not form.complete:
-        raise Problem("invalid_upload", "The multipart body is malformed or incomplete.")
+        raise _malformed()
     if form.files != 1:
         raise _not_one_file(form.files)
     upload = sink.finished(clean_name(form.file_name), form.fields)
@@ -227,7 +234,12 @@ class _Form:
             self.file_name = options.get(b"filename", b"").decode("utf-8", "replace")
             self.content_type = parse_options_header(self._type)[0].decode("latin-1").lower()
         elif len(self.fields) >= MAX_FIELDS:
-            raise Problem("invalid_upload", "The form has too many fields.", limit=MAX_FIELDS)
+            raise Problem(
+                "invalid_upload",
+                f"The form has more than {MAX_FIELDS} fields.",
+                hint="See /docs for the parameters.",
+                limit=MAX_FIELDS,
+            )
 
     def data(self, data: bytes, start: int, end: int) -> None:
         if self._name == "file":
@@ -235,7 +247,12 @@ class _Form:
             return
         self._content += data[start:end]
         if len(self._content) > MAX_FIELD_BYTES:
-            raise Problem("invalid_upload", "A field of the form is too long.", limit=MAX_FIELD_BYTES)
+            raise Problem(
+                "invalid_upload",
+                f"A field of the form is longer than {MAX_FIELD_BYTES} bytes.",
+                hint="Name the part that holds the cloud `file`. Other parts are parameters.",
+                limit=MAX_FIELD_BYTES,
+            )
 
     def end(self) -> None:
         if self._name != "file":
@@ -248,17 +265,25 @@ class _Form:
 def _too_large(settings: Settings, actual: int) -> Problem:
     return Problem(
         "upload_too_large",
-        f"The upload is larger than the {settings.max_upload_bytes} bytes this service takes.",
+        f"The upload is larger than {settings.max_upload_bytes} bytes, the limit of this service.",
         hint="Send a smaller cloud, or a binary file instead of text.",
         limit=settings.max_upload_bytes,
         actual=actual,
     )
 
 
+def _malformed() -> Problem:
+    return Problem(
+        "invalid_upload",
+        "The multipart body is malformed or incomplete.",
+        hint="Let an HTTP library write the form. With curl: -F file=@scan.ply",
+    )
+
+
 def _not_one_file(actual: int) -> Problem:
     return Problem(
         "invalid_upload",
-        "The form needs exactly one part named `file`.",
+        "The form must have exactly one part named `file`.",
         hint="For example: curl -F file=@scan.ply …",
         limit=1,
         actual=actual,

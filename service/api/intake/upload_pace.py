@@ -38,9 +38,9 @@ async def chunks(request: Request, settings: Settings) -> AsyncIterator[bytes]:
         except TimeoutError as error:
             raise Problem(
                 "upload_too_slow",
-                f"The upload did not arrive within {settings.upload_deadline:g} seconds, or came slower than "
+                f"The upload took longer than {settings.upload_deadline:g} seconds, or was slower than "
                 f"{settings.upload_min_rate} bytes per second.",
-                hint="Send it again over a faster connection.",
+                hint="Send the file again over a faster connection, or send a smaller one.",
                 headers={"Connection": "close"},
             ) from error
         received += len(chunk)

@@ -50,6 +50,7 @@ class Guard:
         self._running = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection (ASGI)."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -68,7 +69,8 @@ class Guard:
         if self._running >= self._max and scope["path"] not in ALWAYS:
             problem = Problem(
                 "too_busy",
-                f"The service is already answering {self._running} requests.",
+                f"The service is already answering {self._running} requests, its limit.",
+                hint="Send the request again after the number of seconds in Retry-After.",
                 headers={"Retry-After": "2"},
                 limit=self._max,
             )

@@ -35,21 +35,22 @@ class Origins:
         self._own_names_only = not (settings.api_key or settings.api_keys_file or settings.allow_anonymous)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection (ASGI)."""
         if scope["type"] == "http":
             headers = Headers(scope=scope)
             problem = None
             if self._own_names_only and not _loopback_name(headers.get("host", "")):
                 problem = Problem(
                     "cross_site",
-                    "Without a key this service answers only under the name of a loopback address.",
-                    hint="Ask http://127.0.0.1 or http://localhost. Behind a proxy set a key, or "
+                    "A service without keys answers only requests to a loopback address.",
+                    hint="Use http://127.0.0.1 or http://localhost. Behind a proxy, set a key, or "
                     "PCDNF_ALLOW_ANONYMOUS=true if the proxy authenticates callers.",
                 )
             elif scope["method"] not in SAFE_METHODS and not _own_page(headers):
                 problem = Problem(
                     "cross_site",
-                    "The request was sent by a web page of another site.",
-                    hint="Use the page of this service, or a program that is no browser.",
+                    "The request came from a web page of another site.",
+                    hint="Use the page of this service, or a program other than a browser.",
                 )
             if problem is not None:
                 await respond(problem, Request(scope))(scope, receive, send)

@@ -33,8 +33,8 @@ def chosen_format(request: Request, job: Job, format_: str | None) -> str:
     if name is None or name not in MEDIA_TYPES:
         raise Problem(
             "not_acceptable",
-            "The result cannot be had in a format that was asked for.",
-            hint=f"It can be had as {', '.join(dict.fromkeys(MEDIA_TYPES.values()))}.",
+            "The result is not available in the requested format.",
+            hint=f"Ask for one of {', '.join(dict.fromkeys(MEDIA_TYPES.values()))}.",
         )
     return name
 
@@ -81,7 +81,7 @@ def respond_display(request: Request, job: Job, storage: Storage) -> Response:
     except FileNotFoundError:
         raise Problem(
             "display_not_found",
-            "This job has a result but nothing to draw: an older version of the service made it.",
+            "This job was run by an older version of the service, which stored no preview.",
             hint="Download the result, or submit the file again.",
         ) from None
     headers = {"ETag": f'"{job.id}"', "Cache-Control": "private, no-cache"}  # a job's file never changes
@@ -170,7 +170,8 @@ def _one_range(request: Request, size: int, etag: str) -> tuple[int, int] | None
     if first >= size:
         raise Problem(
             "range_not_satisfiable",
-            f"The result has {size} bytes; the range begins behind them.",
+            f"The range begins at byte {first}, but the result has only {size} bytes.",
+            hint="Ask for a range within the result, or leave Range out.",
             headers={"Content-Range": f"bytes */{size}"},
             limit=size,
             actual=first,

@@ -38,13 +38,15 @@ from ..schemas import JobView, job_view, retry_after
 from ..state import State, StateIn
 from ..watch import Follower, preferred_wait
 
-PAGE = 100  # most jobs of one answer
+PAGE = 100  # most jobs in one response
+NOT_FOUND_HINT = "Check the id. A job is removed 30 days after it has expired."
+NOT_FINISHED_HINT = "Ask again after the number of seconds in Retry-After, or follow GET /jobs/{id}/events."
 
 
 def _job(job_id: str, state: StateIn, owner: Annotated[str, Depends(caller)]) -> Job:
     job = state.jobs.status(job_id, owner)
     if job is None:
-        raise Problem("job_not_found", "There is no such job.", hint="Jobs are forgotten some time after they expire.")
+        raise Problem("job_not_found", "You have no job with this id.", hint=NOT_FOUND_HINT)
     if state.jobs.expired(job):
         raise problems.job_expired()
     return job
@@ -103,7 +105,7 @@ def jobs(
     """Return the caller's own jobs, newest first."""
     last = None if before is None else state.jobs.status(before, owner)
     if before is not None and last is None:
-        raise Problem("invalid_parameters", "before: there is no such job.")
+        raise Problem("invalid_parameters", "before: you have no job with this id.", hint=NOT_FOUND_HINT)
     return [job_view(job, state.jobs.eta(job)) for job in state.jobs.page(owner, limit=limit, before=last)]
 
 
@@ -149,10 +151,10 @@ def cancel(request: Request, state: StateIn, job: JobIn) -> Response:
     if now.status in ("succeeded", "failed"):
         raise Problem(
             "already_finished",
-            f"The job has {now.status} and cannot be cancelled any more.",
-            hint=f"Its result stays: GET /jobs/{now.id}/result. DELETE /jobs/{now.id} removes it."
+            f"The job has already {now.status} and cannot be cancelled.",
+            hint=f"GET /jobs/{now.id}/result returns its result. DELETE /jobs/{now.id} removes the job."
             if now.status == "succeeded"
-            else f"DELETE /jobs/{now.id} removes it.",
+            else f"DELETE /jobs/{now.id} removes the job.",
         )
     return _shown(request, state, now, 202 if now.live else 200)
 
@@ -219,11 +221,13 @@ def display(request: Request, state: StateIn, job: JobIn) -> Response:
 def _no_result(state: State, job: Job) -> Problem:
     if job.live and job.status != "cancelling":
         wait = {"Retry-After": retry_after(state.jobs.eta(job))}
-        return Problem("job_not_finished", f"The job is {job.status}.", hint="Ask again later.", headers=wait)
+        return Problem("job_not_finished", f"The job is {job.status}.", hint=NOT_FINISHED_HINT, headers=wait)
     if job.status == "failed":
         cause = job.problem or {}
         detail = f"The job failed and has no result. {cause.get('detail', '')}"
-        return Problem("job_failed", detail.strip(), hint=cause.get("hint"), cause=cause.get("code"))
+        return Problem(
+            "job_failed", detail.strip(), hint=cause.get("hint") or "Submit the file again.", cause=cause.get("code")
+        )
     return Problem("job_cancelled", "The job was cancelled and has no result.", hint="Submit the file again.")
 
 
@@ -255,6 +259,6 @@ def _check_unchanged(request: Request, state: State, job: Job) -> None:
     if now not in [tag.strip() for tag in wanted.split(",")]:
         raise Problem(
             "precondition_failed",
-            "The job is not in the state that If-Match names.",
-            hint=f"Look at it again: GET /jobs/{job.id}. Send its ETag, or leave If-Match out.",
+            "The job has changed since the state that If-Match names.",
+            hint=f"Ask for GET /jobs/{job.id}, and send the ETag of its response, or leave If-Match out.",
         )

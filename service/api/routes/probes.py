@@ -131,7 +131,9 @@ def _readiness(state: State) -> Readiness:
 def _metadata(name: str) -> ModelMetadata:
     known = schemas.shipped()
     if name not in known:
-        raise Problem("model_not_found", "There is no model of this name.", hint=f"There are: {', '.join(known)}.")
+        raise Problem(
+            "model_not_found", f"There is no model named {name[:40]!r}.", hint=f"Use one of {', '.join(known)}."
+        )
     cloud = [
         Tensor(name="points", datatype="FP64", shape=[-1, 3]),
         Tensor(name="normals", datatype="FP32", shape=[-1, 3]),

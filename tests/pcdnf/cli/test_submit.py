@@ -176,7 +176,7 @@ def test_a_key_from_a_file_is_never_shown(
     assert run("jobs", *with_key) == 0
     assert run("submit", cloud, cloud.with_name("small*"), "--detach", "--url", address) == 1
     captured = capsys.readouterr()
-    assert "asks for a key" in captured.err
+    assert "requires an API key" in captured.err
     assert "sesame" not in captured.out + captured.err
 
 

@@ -239,7 +239,7 @@ def test_models(url: str) -> None:
 
 def test_keys(keyed: Service, monkeypatch: pytest.MonkeyPatch, proxy: Proxy) -> None:
     address = str(keyed.client.base_url)
-    with Client(address) as client, pytest.raises(ProblemError, match="asks for a key"):
+    with Client(address) as client, pytest.raises(ProblemError, match="requires an API key"):
         client.models()
     monkeypatch.setenv("PCDNF_API_KEY", KEY)
     with Client(address) as client:

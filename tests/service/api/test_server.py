@@ -47,7 +47,7 @@ def test_a_storage_that_cannot_be_is_refused_with_a_sentence(tmp_path: Path, mod
         [sys.executable, "-m", module], env=service.environment, capture_output=True, text=True, timeout=120
     )
     assert ended.returncode == EX_CONFIG
-    assert "pcdnf: file:///proc/nope cannot be used for storage" in ended.stderr
+    assert "pcdnf: file:///proc/nope cannot be used as storage" in ended.stderr
     assert "Traceback" not in ended.stderr
 
 
@@ -58,7 +58,8 @@ def test_a_data_folder_that_cannot_be_is_refused_with_a_sentence(tmp_path: Path,
     ended = subprocess.run([sys.executable, "-m", module], env=environment, capture_output=True, text=True, timeout=120)
     assert ended.returncode == EX_CONFIG
     assert ended.stderr.splitlines()[-1] == (
-        f"pcdnf: The data folder {tmp_path}/file/data cannot be made: Not a directory. Set PCDNF_DATA_DIR."
+        f"pcdnf: The data folder {tmp_path}/file/data cannot be created: Not a directory. "
+        "Set PCDNF_DATA_DIR to another folder."
     )
 
 

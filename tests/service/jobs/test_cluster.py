@@ -162,5 +162,6 @@ def test_a_shared_folder_does_as_well_as_a_bucket(cloud: Path, alone: bytes, tmp
         assert api.delete(f"/jobs/{job}").status_code in (200, 204)
         assert [path for path in folder.rglob("*") if path.is_file()] == []
         assert cluster.refused("twin", as_worker="first") == (
-            "pcdnf: A worker named first is running on another machine. Set PCDNF_WORKER_ID."
+            "pcdnf: A worker named first is running on another machine. "
+            "Set PCDNF_WORKER_ID to another name for this one."
         )

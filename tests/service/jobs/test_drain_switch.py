@@ -45,7 +45,7 @@ def test_callers_of_a_drained_service(make_served: Any, board: Board, small: Pat
     assert served.client.get(f"/jobs/{job['id']}").status_code == 200
     ready = served.client.get("/readyz")
     assert ready.status_code == 503
-    assert "drained" in ready.json()["detail"]
+    assert "draining" in ready.json()["detail"]
     assert served.client.get("/livez").status_code == 200
     _turn(board, on=False)
     assert served.client.post("/denoise", files={"file": body}).status_code == 202

@@ -85,11 +85,11 @@ def test_a_service_without_a_worker_and_drained(make_served: Any, board: Board) 
     [
         ({"device": "cuda:99"}, "device", "cuda:99"),
         ({"default_model": "nothing"}, "weights", "'nothing'"),
-        ({"min_free_bytes": 10**18}, "disk", "kept free"),
+        ({"min_free_bytes": 10**18}, "disk", "must stay free"),
         ({"host": "0.0.0.0"}, "keys", "without a key"),
         ({"api_keys_file": "/nothing/keys"}, "keys", "cannot be used"),
         ({"database_url": "postgresql://ada:secret@127.0.0.1:1/x"}, "database", "does not answer"),
-        ({"data_dir": "/proc/nothing"}, "data", "cannot be written"),
+        ({"data_dir": "/proc/nothing"}, "data", "not writable"),
         ({"storage_url": "s3://bucket"}, "storage", "cannot be used"),
     ],
 )

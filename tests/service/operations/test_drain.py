@@ -70,10 +70,10 @@ def test_it_says_what_is_left_and_who_works(board: Board, capsys: pytest.Capture
     drain(board.settings, on=False, wait=False)
     left = "Unfinished jobs: 1, with 200 points times passes."
     assert capsys.readouterr().out.splitlines() == [
-        f"Open: new jobs are taken. {left} No worker is running, they wait for one.",
-        f"Drained: no new jobs are taken. {left} No worker is running, they wait for one.",
-        f"Drained: no new jobs are taken. {left}",
-        f"Open: new jobs are taken. {left}",
+        f"Open: new jobs are accepted. {left} No worker is running, so they wait.",
+        f"Draining: new jobs are refused. {left} No worker is running, so they wait.",
+        f"Draining: new jobs are refused. {left}",
+        f"Open: new jobs are accepted. {left}",
     ]
 
 
@@ -82,7 +82,7 @@ def test_drained_worked_off_and_opened_again(running: Service, small: Path, tmp_
     try:
         ended = _drain(running.data, "--wait")
         assert ended.returncode == 0, ended.stderr
-        assert ended.stdout.splitlines()[-1] == "Drained: no new jobs are taken. None is unfinished."
+        assert ended.stdout.splitlines()[-1] == "Draining: new jobs are refused. All jobs are finished."
         assert running.job(job["id"])["status"] == "succeeded"
         refused = running.client.post("/denoise", files={"file": small.read_bytes()})
         assert (refused.status_code, refused.json()["code"]) == (503, "draining")

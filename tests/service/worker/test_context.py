@@ -12,16 +12,16 @@ from service.worker.scheduler import Scheduler
 from tests.support.board import Board
 
 
-class Dead(Exception):
-    """The process of a test died."""
+class CrashError(Exception):
+    """The process of a test crashed."""
 
 
 def _nothing() -> None:
     pass
 
 
-def _dies() -> None:
-    raise Dead
+def _crashes() -> None:
+    raise CrashError
 
 
 def _runtime(board: Board) -> Runtime:
@@ -44,7 +44,7 @@ def test_a_job_that_waits_is_not_to_blame(board: Board, monkeypatch: pytest.Monk
         first, second = _open(board, guilty), _open(board, innocent)
         assert [first.crashes, second.crashes] == [crashes, 0]
         with runtime.at_work(first, _nothing, left=100):
-            with pytest.raises(Dead), runtime.at_work(second, _dies, left=left):
+            with pytest.raises(CrashError), runtime.at_work(second, _crashes, left=left):
                 pytest.fail("two at a time")
             assert [board.now(job).leased for job in (guilty, innocent)] == [True, False]
     assert [_open(board, job).crashes for job in (guilty, innocent)] == [2, 0]

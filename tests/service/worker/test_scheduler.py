@@ -164,19 +164,19 @@ def test_giving_up(hall: Hall, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_closed_nobody_begins(hall: Hall) -> None:
     polled = threading.Event()
 
-    class Parked(Exception):
+    class PausedError(Exception):
         pass
 
     def park() -> None:
         polled.set()
-        raise Parked
+        raise PausedError
 
     with hall.busy():
         future = hall.claim("next", left=1, poll=park)
         hall.scheduler.close()
         assert polled.wait(5)
-    with pytest.raises(Parked):
+    with pytest.raises(PausedError):
         future.result(5)
-    with pytest.raises(Parked):
+    with pytest.raises(PausedError):
         hall.step("late", poll=park)
     assert hall.order == []

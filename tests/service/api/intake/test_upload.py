@@ -139,7 +139,7 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
         ("iterations=5", "allows 4"),
         ("seed=-1", "greater than or equal to 0"),
         ("seed=4294967296", "less than"),
-        ("model=../x", "model: there is no such model."),
+        ("model=../x", "model: there is no model named '../x'."),
         ("normals=none", "'auto', 'pca' or 'input'"),
         ("nonfinite=mend", "'keep', 'reject' or 'drop'"),
         ("seed=1&seed=2", "given twice, with different values"),
