@@ -1,4 +1,4 @@
-"""Who is calling: named keys, stored hashed, compared in constant time."""
+"""Authentication by named keys. Keys are stored as hashes and compared in constant time."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""HTTP/1.1 with bounds on callers that are slow or say too much, of which uvicorn has none.
+"""HTTP/1.1 with limits for slow and verbose callers, which uvicorn does not have.
 
-The head of a request has a deadline from its first byte on, or from the connection's beginning, and a most of bytes.
-An answer that nobody takes ends, and so does a body that goes on after its answer. Where there are too many
-connections, the one that has been idle longest makes room.
+The head of a request has a deadline, counted from its first byte or from the start of the connection, and a maximum
+size. A connection is closed if its caller does not read the response, or continues a body after the response. If there
+are too many connections, the one that has been idle longest is closed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The listening socket, bound before any process starts."""
+"""The listening socket. It is bound before any process is started."""
 
 from __future__ import annotations
 

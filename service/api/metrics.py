@@ -1,9 +1,9 @@
-"""What ``/metrics`` tells Prometheus.
+"""The metrics of ``/metrics``, in the format of Prometheus.
 
-Three sources make one page: this process counts its own requests; the database knows jobs, workers and switches; each
-worker leaves what it measured in its row of the table of workers with every sign of life. So the page is whole however
-many processes there are, and workers need no network. What comes from the database is the same from every API.
-No label holds anything of a caller's: no job, no file name, no key.
+They have three sources: the requests of this process, the jobs and workers in the database, and the metrics of each
+worker, which it stores in its row of the table of workers with every heartbeat. The page is therefore complete for any
+number of processes, and workers need no open port. What comes from the database is the same in every API process. No
+label contains data of a caller: no job id, no file name, no key.
 """
 
 from __future__ import annotations

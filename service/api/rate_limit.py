@@ -1,4 +1,4 @@
-"""How many requests a caller may send: a bucket of tokens each, in this process."""
+"""The number of requests that a caller may send: a token bucket for each, in this process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is it ready? A worker with its model warmed and beating, the database, the disk."""
+"""Readiness: a worker with a warm model and a fresh heartbeat, a database that answers, enough disk space."""
 
 from __future__ import annotations
 

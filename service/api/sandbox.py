@@ -1,4 +1,4 @@
-"""Child processes that touch callers' files, under limits of memory and time, a few at a time."""
+"""Child processes that read callers' files, with limits of memory and time, a few at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs and models as callers see them."""
+"""The JSON of jobs and models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The API process: ``python -m service.api``, on the supervisor's socket or on one of its own."""
+"""The API process: ``python -m service.api``, on the socket of the supervisor or on its own."""
 
 from __future__ import annotations
 

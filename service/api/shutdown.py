@@ -1,4 +1,4 @@
-"""The end of an API process: what is in hand is finished, what comes meanwhile is told so, then it goes."""
+"""Graceful shutdown of an API process: finish the requests in flight, answer new jobs with 503, then exit."""
 
 from __future__ import annotations
 

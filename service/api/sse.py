@@ -1,7 +1,7 @@
-"""A job as a stream of server-sent events (WHATWG HTML, 9.2).
+"""A job as a stream of server-sent events (WHATWG HTML, section 9.2).
 
-Every event is the whole job as it is at that moment, so one that was missed is made up for by the next. Its id names
-what was seen; a caller that comes back with it in ``Last-Event-ID`` is sent the job only if it has changed since.
+Every event contains the whole job, so a caller that missed one has lost nothing. The id of an event identifies the
+state of the job. A caller that reconnects with ``Last-Event-ID`` gets an event only if the job has changed since.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the routes work with, kept in ``app.state``."""
+"""What the routes use, stored in ``app.state``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Coroutines that wait for a job to change: one look at the database for all of them, and none while nobody waits.
+"""Coroutines that wait for a job to change. They share one query to the database, and without them there is none.
 
-Workers are other processes, perhaps on other machines, so the API has to look. A waiting request holds no thread.
+Workers are other processes, perhaps on other machines, so the API has to poll. A waiting request holds no thread.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The job database: SQLite by default, PostgreSQL by URL; our own tables beside those of DBOS.
+"""Connections to the job database: SQLite by default, or PostgreSQL by URL.
 
-Both kinds of table sit in one database, so that a job and its place in the queue are accepted in one transaction.
+Our tables and those of DBOS are in the same database, so a job and its place in the queue are accepted in one
+transaction.
 """
 
 from __future__ import annotations

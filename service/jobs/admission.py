@@ -1,7 +1,7 @@
-"""Is there room for a job? The queue is bounded in points and bytes; each caller's part of it in jobs as well.
+"""Whether the queue has room for a job.
 
-Counting and accepting are one transaction (:func:`service.database.engine.exclusive`), so the bounds hold however many
-requests arrive at once.
+The queue is bounded in points and in bytes, and so is the part of it that one caller may fill. Counting and accepting
+are one transaction (:func:`service.database.engine.exclusive`), so the bounds hold for simultaneous requests too.
 """
 
 from __future__ import annotations

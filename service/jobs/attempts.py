@@ -1,8 +1,8 @@
-"""The worker's side of the table of jobs: taking a job up, reporting progress, ending it.
+"""The worker's changes to jobs: acquire a lease, report progress, end the job.
 
-A worker that dies leaves its job ``open``; the next attempt counts that as a loss, and a finished tile sets the count
-back to zero. So a job that kills its worker at one place fails, while one that merely lived through two power cuts
-goes on. A database that is away for a while only holds a job up.
+A worker that crashes leaves its lease behind. The next worker that acquires the job counts a crash, and a finished tile
+resets the count. A job that crashes its worker twice at the same tile therefore fails, while a job that lived through
+two power failures goes on. While the database does not answer, the worker waits.
 """
 
 from __future__ import annotations

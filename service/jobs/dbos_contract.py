@@ -1,4 +1,4 @@
-"""What the API's client and the worker of the job engine have to agree on."""
+"""Names that the API and the worker use with DBOS, the job engine. They are persisted and must not change."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What an operator has switched on, for every process and until it is switched off: draining.
+"""The drain switch. An operator sets it for all processes, and it stays on until it is turned off.
 
-A drained service takes no new jobs; those it has are worked off, and everything else is answered.
+A draining service finishes the jobs it has, refuses new ones, and answers all other requests.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How long a live job still takes: its place in the queue, and the speed that the workers measured."""
+"""The time that an unfinished job still takes, from its place in the queue and the speed of the workers."""
 
 from __future__ import annotations
 

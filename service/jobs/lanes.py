@@ -1,7 +1,7 @@
-"""Queues by size: a job waits behind jobs of about its own size only.
+"""Queues by size. A job waits only behind jobs of about its own size.
 
-A worker takes from every lane, so that a few small jobs, one of middling size and one large one are in hand together;
-:mod:`service.worker.scheduler` shares the device between them. What lies in memory is bounded by the widest lanes.
+A worker takes jobs from every lane, so it has a few small jobs, one medium job and one large job in flight at a time.
+:mod:`service.worker.scheduler` divides the device between them. The two widest lanes bound the memory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How many jobs ended how: counted in the transaction that ends them, so exact whatever dies when."""
+"""The number of finished jobs by outcome, counted in the transaction that ends a job, so it survives every crash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long results stay: until they expire, or until newer ones need their place."""
+"""How long results are kept: until they expire, or until the disk needs their space."""
 
 from __future__ import annotations
 

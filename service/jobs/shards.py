@@ -1,8 +1,8 @@
-"""Shards of one large job that several workers compute at the same time: the table of them, and the rule.
+"""Shards of a large job, which several workers compute at the same time.
 
-One job is shared at a time: where there are more large jobs, each has a worker of its own anyway, and a worker keeps
-no more than one cloud beside those of its own lanes. A shard counts deaths for itself, so that one that kills its
-workers ends the job, however many others get done meanwhile.
+Only one job is divided at a time. If there are more large jobs, each has a worker anyway, and a worker then keeps at
+most one cloud more than its lanes allow. Each shard counts its own crashes. A shard that crashes its workers therefore
+ends the job, even if other shards succeed meanwhile.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Jobs as the API sees them: submit, status, cancel, list, remove. The engine behind it is DBOS.
+"""Jobs as the API uses them: submit, look up, cancel, list, remove. The job engine behind the queue is DBOS.
 
-What a caller is told is our own table; the engine's state is an implementation detail. Every change of status is one
-conditional UPDATE, so that the API and a worker that act at the same moment cannot both win.
+Callers see our own table; the state of the engine is an implementation detail. Every change of status is a conditional
+UPDATE, so the API and a worker that act at the same moment cannot both succeed.
 """
 
 from __future__ import annotations

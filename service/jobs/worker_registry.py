@@ -1,4 +1,4 @@
-"""The table of workers: who is alive, on what device, at what speed."""
+"""The table of workers: which ones are alive, on what device, at what speed."""
 
 from __future__ import annotations
 

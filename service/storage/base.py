@@ -1,4 +1,4 @@
-"""The interface of storage, and what its implementations share."""
+"""The interface of storage, and what its implementations have in common."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Storage in a bucket that speaks the protocol of S3, for several machines that share the work.
+"""Storage in a bucket, through the S3 protocol, for several machines that share the work.
 
-Files are written to a local folder first, sent in parts, and read in parts, each a request of its own that is repeated
-where it fails. Address and keys come from the ``AWS_*`` variables that other clients of the protocol read.
+A file is written to a local folder first and then uploaded in parts. It is read in parts as well. Each part is a
+request of its own, which is repeated if it fails. The endpoint and the keys come from the usual ``AWS_*`` variables.
 """
 
 from __future__ import annotations

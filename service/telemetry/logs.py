@@ -1,7 +1,6 @@
-"""The log on standard error: lines of text for people, or of JSON for programs.
+"""The log on standard error, as lines of text or of JSON.
 
-Every line carries the ids of the request and of the job it belongs to, and of the caller's trace. Names of files and
-keys have no place in it.
+Every line carries the ids of its request, its job and its trace. File names and keys are never logged.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Traces by OpenTelemetry: the caller's ``traceparent``, through the request, into the job and its stages.
+"""Traces by OpenTelemetry: from the caller's ``traceparent`` through the request into the job and its stages.
 
-Without the extra ``traces``, or without ``OTEL_EXPORTER_OTLP_ENDPOINT``, spans cost next to nothing and go nowhere; the
-caller's trace id is in the log all the same.
+Without the extra ``traces``, or without ``OTEL_EXPORTER_OTLP_ENDPOINT``, no span is exported. The caller's trace id is
+logged in any case.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Files that the steps of a job read and write: the upload, tiles, merged clouds."""
+"""The files of a job that its steps read and write: the upload, tiles and merged clouds."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What the page draws of a finished job: a binary glTF of at most a million points, written by the worker.
+"""The preview of a finished job: a binary glTF with at most a million points.
 
-Two meshes of points, ``before`` and ``after``, in one fixed random order, so that any prefix is a fair sample of the
-cloud. Coordinates are centred and stored as float32, normals as signed bytes (``KHR_mesh_quantization``). ``extras``
-carry the numbers shown beside the picture; they are of the whole cloud, in float64.
+It has two meshes of points, ``before`` and ``after``. Both are in the same random order, so any prefix is a fair sample
+of the cloud. Coordinates are centred and stored as float32, normals as signed bytes (``KHR_mesh_quantization``).
+``extras`` has the figures of the whole cloud, computed in float64.
 """
 
 from __future__ import annotations

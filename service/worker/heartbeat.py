@@ -1,4 +1,4 @@
-"""The heartbeat of a worker."""
+"""The heartbeat of a worker: a thread that updates its row in the table of workers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a worker measures of its own work; :mod:`service.api.metrics` shows it beside that of the others."""
+"""Metrics of one worker. :mod:`service.api.metrics` combines those of all workers."""
 
 from __future__ import annotations
 

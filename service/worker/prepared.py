@@ -1,4 +1,4 @@
-"""What the steps of a job work on: its upload, its files in storage, its prepared cloud, its progress."""
+"""The cloud of a pass, prepared for its tiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress of a step."""
+"""Progress of a step: reported to the database, which answers whether the job was cancelled."""
 
 from __future__ import annotations
 

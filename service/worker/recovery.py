@@ -1,4 +1,4 @@
-"""The worker's place in the engine: joining the queue, taking over from dead workers, settling what was given up."""
+"""The worker's side of DBOS: join the queues, recover the work of lost workers, fail jobs that DBOS has given up."""
 
 from __future__ import annotations
 

@@ -1,9 +1,11 @@
-"""Which of the jobs in hand computes: one tile at a time, of the job with the least left to do.
+"""The scheduler of a worker: which of the jobs in flight computes.
 
-A tile that is being computed gives way, between two batches, to one of a job with less left. Every fourth turn goes to
-the job that was submitted first, and then it keeps its turn, so that a stream of small ones holds nobody up for good.
-Reading, preparing, merging and writing need no turn. A job during which the process died before works alone, so that a
-second death tells whose fault it was.
+One tile is computed at a time, of the job with the fewest points left. Between two batches a tile yields to a tile of a
+smaller job. Every fourth grant goes to the job that was submitted first. That tile does not yield, so a stream of small
+jobs cannot hold up a large one for ever. Reading, preparing, merging and writing run beside the tiles.
+
+Crash suspects run in isolation. With several jobs in flight, a crash does not identify the job that caused it. Each job
+that was computing counts a crash and then runs alone until it finishes a tile, so a second crash can be attributed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The slot of a worker: one process an identity, held by a lock file."""
+"""The slot of a worker: a lock file that allows one process for each worker name."""
 
 from __future__ import annotations
 

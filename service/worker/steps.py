@@ -1,7 +1,7 @@
-"""The steps of a job: survey; plan, tiles, merge for every iteration, then the result's files.
+"""The steps of a job: survey, then plan, tiles and merge for each pass, then the files of the result.
 
-Each step is checkpointed by the engine: it leaves a file in storage and returns plain JSON. What the caller is to be
-told is returned as ``{"problem": ...}``, never raised.
+Each step is checkpointed by DBOS. It stores its arrays as a file and returns plain JSON. An error that the caller
+should see is returned as ``{"problem": ...}``, not raised.
 """
 
 from __future__ import annotations

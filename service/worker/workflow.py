@@ -1,8 +1,8 @@
-"""The durable workflow of one job, and of a shard of a large one that another worker may take.
+"""The durable workflows of a job and of a shard of a large job.
 
-After a crash a workflow runs again from the top, every finished step answers from its checkpoint, and work goes on at
-the first tile that is missing. The tiles of a large cloud are shared where several workers are there: a shard is a
-workflow of its own, on a queue of all workers, and the job waits for its shards before it merges them.
+After a crash DBOS runs the workflow again from the top. Every finished step returns its checkpoint, so the work
+continues at the first missing tile. If several workers are ready, the tiles of a large cloud are divided into shards.
+Each shard is a workflow of its own, on a queue of all workers. The job waits for its shards before it merges them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""``Idempotency-Key``: a request that is sent again makes no second job.
+"""``Idempotency-Key``: a repeated request creates no second job.
 
-A key is claimed before the body is read, by a lease that is renewed while the upload lasts, so that a key whose API
-process died is free again after some seconds. It is bound to its job in the transaction that accepts the job, and goes
-with the job's row.
+A key is claimed before the body is read, with a lease that is renewed during the upload. If the API process crashes,
+the lease runs out within seconds and the key is free again. The key is bound to the job in the transaction that
+accepts it, and is removed together with the job.
 """
 
 from __future__ import annotations

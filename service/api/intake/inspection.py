@@ -1,4 +1,4 @@
-"""The check of an upload, in a child process under limits of memory and time; nothing is parsed here."""
+"""The check of an upload, in a child process with limits of memory and time. The API process parses nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a request to a job: the upload to disk, its check, its place in the queue."""
+"""From a request to a job: receive the upload, check it, queue it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The body of an upload: streamed to a file, counted as it arrives, against a deadline and a minimum rate."""
+"""The body of an upload: streamed to a file and counted as it arrives, with a deadline and a minimum speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast an upload has to come: within a deadline, and on average above a rate."""
+"""The pace of an upload: a deadline, and a minimum average speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Around every request: its id, its trace, its line in the log, its place in the metrics, and ``Server-Timing``."""
+"""The access log: for every request an id, a trace, a line, the metrics and ``Server-Timing``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Around every request: how many at a time, and the headers every response carries."""
+"""The limit of simultaneous requests, and the headers of every response."""
 
 from __future__ import annotations
 

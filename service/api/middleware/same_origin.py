@@ -1,9 +1,10 @@
-"""Which web pages may call: those of this service itself.
+"""Only web pages of this service may call it.
 
-Any page in the user's browser can send a form to a service on the user's own machine, and needs no answer to do harm.
-Browsers tell with ``Sec-Fetch-Site`` or ``Origin`` who sends; other programs send neither. A page whose name was made
-to point at this machine after it was loaded (DNS rebinding) counts as the service's own for the browser, so a service
-that asks for no key on a loopback address answers under the names of such addresses only.
+Any page in the user's browser can send a form to a service on the user's machine, and it can do harm without reading
+the response. Browsers say in ``Sec-Fetch-Site`` or ``Origin`` which page sends a request; other programs send neither.
+A page can also make its own host name point to this machine after it was loaded (DNS rebinding). The browser then
+treats the service as the page's own origin. A service without keys on a loopback address therefore answers only if the
+host name of the request is that of a loopback address.
 """
 
 from __future__ import annotations

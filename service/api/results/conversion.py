@@ -1,4 +1,4 @@
-"""Results in formats the worker did not store: written on first demand by a child process, kept with the others."""
+"""Results in formats that the worker did not store. A child process writes them on first demand, and they are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result over HTTP: which format, which part of it, under which name and digest (RFC 9110, RFC 9530)."""
+"""A result over HTTP: its format, range, file name and digest (RFC 9110, RFC 9530)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The pages for people: the viewer at ``/`` and the reference of the API at ``/docs``. Files as they lie, no template.
+"""The pages for people: the viewer at ``/`` and the API reference at ``/docs``, as static files.
 
-Everything they load comes from this service: they work without any other network, and under the policy below.
+Everything they load comes from this service, so they work without other network access and under the policy below.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What other machines ask: is it alive, is it ready, how does it do, which models does it have.
+"""Routes for other programs: liveness, readiness, metrics, and the models.
 
-Kubernetes' probes, Prometheus' page, and the part of the Open Inference Protocol (V2) that only reads. Clouds of
-millions of points do not go through tensors in JSON, so there is no ``/v2/models/{name}/infer``.
+They serve Kubernetes' probes, Prometheus, and the reading part of the Open Inference Protocol (V2). Clouds of millions
+of points do not fit into tensors in JSON, so there is no ``/v2/models/{name}/infer``.
 """
 
 from __future__ import annotations
