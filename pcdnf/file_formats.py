@@ -1,6 +1,6 @@
-"""The formats there are: names, media types, file suffixes, first bytes, and the library that one of them needs.
+"""Table of the file formats: name, media type, extensions, first bytes, and the library that a format needs.
 
-Nothing here reads a file; that is what ``pcdnf.formats`` does.
+``pcdnf.formats`` reads and writes the files; this table imports nothing.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Format:
-    """A format of files.
+    """A file format.
 
     Attributes
     ----------
     title : str
-        Its name in sentences.
+        Name in sentences.
     media_type : str
         The Content-Type of a result.
     suffixes : tuple of str
-        Of file names, in lower case.
+        Extensions of file names, in lower case.
     magic : tuple of bytes
-        First bytes that announce it; none for text, which only its name tells.
+        First bytes of a file; none for text, which is recognised by its extension.
     library, extra : str
-        A package that must be there, and the extra that brings it; empty when none is needed.
+        Required package, and the extra that installs it; empty if none is needed.
     """
 
     title: str
@@ -52,17 +52,17 @@ FORMATS = {
     "laz": Format("LAZ", "application/vnd.laszip", (".laz",), (b"LASF",), "lazrs", "las"),
     "e57": Format("E57", "model/e57", (".e57",), (b"ASTM-E57",), "pye57", "e57"),
 }
-"""Every format by its name, which is also the ending of a result's file."""
+"""Every format by its name, which is also the extension of a result's file."""
 
 TEXT_FORMATS = tuple(name for name, format_ in FORMATS.items() if not format_.magic)
-"""Formats without first bytes of their own: columns of text."""
+"""Formats without a signature: columns of text."""
 
 SUFFIXES = {suffix: name for name, format_ in FORMATS.items() for suffix in format_.suffixes}
-"""File name endings, and the format they ask for."""
+"""File extensions and their formats."""
 
 
 def available() -> list[str]:
-    """Names of the formats that can be read and written here."""
+    """List the names of the formats that can be read and written here."""
     return [name for name, format_ in FORMATS.items() if format_.available]
 
 

@@ -1,4 +1,4 @@
-"""The three measures point-cloud denoising is judged by, in the field's units.
+"""The three measures of point-cloud denoising, in the field's usual units.
 
 Coordinates are divided by the bounding-box diagonal of the clean cloud first, so that values of clouds in
 different units compare. p is a denoised point, q a clean one.
@@ -196,9 +196,9 @@ def _rows(array: ArrayLike) -> Floats:
     rows = np.asarray(array, np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows):
         raise PcdnfError(
-            f"An array of the shape (N, 3) is needed, not {rows.shape}.",
+            f"The array must have the shape (N, 3), not {rows.shape}.",
             code="bad_shape",
-            hint="Pass one row of three numbers a point.",
+            hint="Pass one row of three numbers per point.",
         )
     return rows
 
@@ -209,7 +209,7 @@ def _matched(points: ArrayLike, clean_points: ArrayLike, workers: int) -> _Match
     diagonal = float(np.linalg.norm(high - low))
     if not diagonal > 0:
         raise PcdnfError(
-            "The points of the clean cloud are all equal.", code="zero_extent", hint="Pass another clean cloud."
+            "All points of the clean cloud are identical.", code="zero_extent", hint="Pass another clean cloud."
         )
     located, clean = (_rows(points) - low) / diagonal, (clean - low) / diagonal
     distance, nearest = cKDTree(clean).query(located, workers=workers)
@@ -225,9 +225,9 @@ def _clean_normals(matched: _Matched, clean_normals: ArrayLike | None, workers: 
 def _unit(normals: Floats, count: int) -> Floats:
     if len(normals) != count:
         raise PcdnfError(
-            f"{len(normals)} normals do not belong to {count} points.",
+            f"There are {len(normals)} normals for {count} points.",
             code="bad_shape",
-            hint="Pass one normal a point.",
+            hint="Pass one normal per point.",
         )
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     unit: Floats = normals / np.maximum(length, np.finfo(np.float64).tiny)

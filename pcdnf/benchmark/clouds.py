@@ -81,7 +81,7 @@ def read_clouds(paths: Iterable[Path]) -> list[CleanCloud]:
         clean = [file for file in files if file.suffix.lower() in SUFFIXES and not _noise_of(file)]
         if not clean:
             raise PcdnfError(
-                f"{path} holds no clean cloud.",
+                f"{path} contains no clean cloud.",
                 code="no_clouds",
                 hint="Name .npy, .npz or .ply files, or a folder of them; NAME_noise0.5.npy counts as noisy.",
             )
@@ -111,9 +111,9 @@ def _read(file: Path) -> CleanCloud:
             noisy = read(other).points.astype(np.float64)
             if noisy.shape != points.shape:
                 raise PcdnfError(
-                    f"{other.name} has {len(noisy)} points and {file.name} {len(points)}.",
+                    f"{other.name} has {len(noisy)} points, but {file.name} has {len(points)}.",
                     code="bad_shape",
-                    hint="Both need the same points in the same order; else move the noisy file away.",
+                    hint="Both need the same points in the same order; otherwise move the noisy file elsewhere.",
                 )
             given[float(found["level"])] = noisy
     normals = None if cloud.normals is None else cloud.normals.astype(np.float64)
@@ -145,7 +145,7 @@ def generated_clouds(shapes: int, count: int) -> list[CleanCloud]:
         raise PcdnfError(
             f"Shapes cannot be generated: {error.name} is not installed.",
             code="missing_extra",
-            hint="pip install 'pcdnf[train]'",
+            hint="Run: pip install 'pcdnf[train]'",
         ) from error
     made = [random_shape(np.random.default_rng(FIRST_SEED + index), count) for index in range(shapes)]
     return [CleanCloud(f"shape-{index}", shape.points, shape.normals) for index, shape in enumerate(made)]

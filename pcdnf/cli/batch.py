@@ -1,4 +1,4 @@
-"""Several files through a service: a few jobs ahead of the one that is waited for."""
+"""Several files through a service: up to four jobs run while the results are fetched in order."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from ..errors import PcdnfError
 from .progress import Display
 
 AHEAD = 4
-"""Jobs on the service at a time: its worker is never idle between two, and its queue is left to others."""
+"""Jobs on the service at a time: enough to keep its worker busy, few enough to leave the queue to others."""
 HOPELESS = frozenset({"unreachable", "not_authenticated", "bad_certificate"})
-"""Errors that the next file would meet as well."""
+"""Errors that would also stop the next file."""
 
 
 @dataclass
 class Item:
-    """A file, or a job of before, and what became of it.
+    """A file or an earlier job, and its outcome.
 
     Attributes
     ----------
     name : str
-        For people.
+        Shown to the user.
     source : Path or None
-        None for a job of before.
+        None for an earlier job.
     job : Job or None
-        As last seen.
+        Its last known state.
     output : Path or None
-        Once it is written.
+        Set once it is written.
     error : PcdnfError or None
     """
 
@@ -47,7 +47,7 @@ class Item:
 
     @property
     def state(self) -> str:
-        """The job's status; ``done`` with the result written, ``failed`` without hope of one."""
+        """The job's status; ``done`` once the result is written, ``failed`` after an error."""
         if self.error is not None:
             return "failed"
         if self.output is not None:
@@ -70,7 +70,7 @@ class Item:
 
 
 def seconds(job: Job | None) -> float | None:
-    """How long a finished job ran."""
+    """Run time of a finished job, in seconds."""
     if job is None or job.started_at is None or job.finished_at is None:
         return None
     return (job.finished_at - job.started_at).total_seconds()
@@ -91,13 +91,13 @@ class Destination:
     _taken: set[str] = field(default_factory=set, init=False, repr=False)
 
     def check(self, items: Sequence[Item]) -> None:
-        """Raise before the work rather than after it."""
+        """Raise before the work starts if a result could not be written."""
         if self.file is not None:
             if len(items) > 1:
                 raise PcdnfError(
-                    f"{len(items)} results do not fit into one file.",
+                    f"{len(items)} results cannot be written to one file.",
                     code="one_output",
-                    hint="Use --out-folder FOLDER in place of -o.",
+                    hint="Use --out-folder FOLDER instead of -o.",
                 )
             if self.file.is_dir() or not self.file.parent.is_dir():
                 what = "it is a folder" if self.file.is_dir() else "its folder does not exist"
@@ -112,18 +112,18 @@ class Destination:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise PcdnfError(
-                f"The folder {self.folder} cannot be made: {error.strerror}.",
+                f"The folder {self.folder} cannot be created: {error.strerror}.",
                 code="unwritable_file",
-                hint="Name another one.",
+                hint="Choose another folder.",
             ) from error
         names: dict[str, Path] = {}
         for source in (item.source for item in items if item.source is not None):
             other = names.setdefault(_result_name(source), source)
             if other != source:
                 raise PcdnfError(
-                    f"{other} and {source} would have the same result, {_result_name(source)}.",
+                    f"{other} and {source} would both be written to {_result_name(source)}.",
                     code="same_name",
-                    hint="Submit them one after the other, into different folders.",
+                    hint="Submit them separately, into different folders.",
                 )
         self._taken.update(names)
 
@@ -134,7 +134,7 @@ class Destination:
         assert self.folder is not None
         if item.source is not None:
             return self.folder / _result_name(item.source), None
-        # The service says the name of a job of before: it must not lead out of the folder, and may come twice.
+        # The service supplies the name of an earlier job: it must not leave the folder, and may repeat.
         name = re.split(r"[/\\\0]", f"{job.upload['name']}_denoised.{job.upload['format']}")[-1]
         return self.folder / self._free(name), None
 
@@ -163,7 +163,7 @@ class Batch:
     parameters : dict
         Of the jobs.
     report : callable
-        Told every item that is finished, in order.
+        Called with every finished item, in order.
     """
 
     client: Client
@@ -171,19 +171,19 @@ class Batch:
     parameters: dict[str, str]
     report: Callable[[Item], None]
     under_way: deque[Item] = field(default_factory=deque)
-    """Items whose job is on the service and not yet fetched; what an interrupt leaves behind."""
+    """Items whose job is on the service and whose result is not fetched yet."""
     uploading: Item | None = None
-    """The item that is being sent; after an interrupt nobody knows whether it was taken."""
+    """The item that is being sent; after an interrupt it is unknown whether the service received it."""
 
     def submit(self, items: Iterable[Item]) -> None:
-        """Upload everything and wait for nothing."""
+        """Upload all items without waiting for their jobs."""
         hopeless: PcdnfError | None = None
         for item in items:
             hopeless = self._upload(item, hopeless)
             self.report(item)
 
     def run(self, items: Iterable[Item], destination: Destination) -> None:
-        """Upload, wait and fetch."""
+        """Upload the items, wait for their jobs and fetch the results."""
         hopeless: PcdnfError | None = None
         for item in items:
             while len(self.under_way) >= AHEAD:
@@ -197,7 +197,7 @@ class Batch:
             self._finish(destination)
 
     def _upload(self, item: Item, hopeless: PcdnfError | None) -> PcdnfError | None:
-        """Submit an item unless it has a job or there is no hope; return an error that leaves none."""
+        """Submit an item unless it has a job already; return an error that would stop the others as well."""
         try:
             if hopeless is not None:
                 raise hopeless
@@ -241,7 +241,7 @@ class Batch:
 
 
 def expanded(patterns: Sequence[str]) -> list[Path]:
-    """Files of names and of patterns that the shell left alone, each once, in order.
+    """Expand names and patterns that the shell did not expand: each file once, in order.
 
     Raises
     ------

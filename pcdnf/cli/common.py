@@ -1,4 +1,4 @@
-"""What several commands share."""
+"""A check that several commands share."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def check_writable(path: Path) -> None:
-    """Fail before the work, not after it."""
+    """Raise ``unwritable_file`` before the work starts if a file could not be written."""
     if path.is_dir() or not path.parent.is_dir():
         raise PcdnfError(
             f"{path} cannot be written: {'it is a folder' if path.is_dir() else 'its folder does not exist'}.",

@@ -25,8 +25,8 @@ def add_denoise(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "denoise",
         help=f"denoise a file: {titles()}",
-        description="Denoise a point cloud. Colours, other properties, comments, types and order are kept; "
-        "normals are added. The result says how it was made.",
+        description="Denoise a point cloud. The result keeps colours, other properties, comments, types and order. "
+        "It gains normals and a record of how it was made.",
     )
     parser.add_argument("input", type=Path, help=f"{titles()} (see docs/formats.md)")
     parser.add_argument(
@@ -34,54 +34,69 @@ def add_denoise(subparsers: Subparsers) -> None:
         "--output",
         type=Path,
         required=True,
-        help="written as its ending says (.ply, .npz, …), else as the input was",
+        help="the file to write; its extension chooses the format (.ply, .npz, …), else the input's format is kept",
     )
     parser.add_argument(
-        "--iterations", default="auto", metavar="N", help="passes over the cloud, or auto: by its noise (auto)"
+        "--iterations",
+        default="auto",
+        metavar="N",
+        help="number of passes over the cloud; auto chooses it by the noise (default: auto)",
     )
     parser.add_argument(
         "--radius",
         default="auto",
         metavar="R",
-        help="size of the neighbourhoods: auto, a length in the cloud's unit, or a share of its diagonal: 4%% (auto)",
+        help="patch radius: auto, a length in the cloud's unit, or a percentage of its diagonal: 4%% (default: auto)",
     )
     parser.add_argument(
-        "--fast", action="store_true", help="half as many neighbours a point: about 1.4 times as fast, a little rougher"
+        "--fast",
+        action="store_true",
+        help="use half as many neighbours per point: about 1.4 times as fast, slightly less accurate",
     )
-    parser.add_argument("--model", metavar="M", help="a name that `pcdnf models` lists, or a .safetensors file")
-    parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
-    parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])
+    parser.add_argument(
+        "--model", metavar="M", help="name listed by `pcdnf models`, or a .safetensors file (default: pcdnf-lite)"
+    )
+    parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (default: auto)")
+    parser.add_argument(
+        "--precision",
+        default="auto",
+        choices=["auto", "float32", "bfloat16"],
+        help="arithmetic of the network (default: auto)",
+    )
     parser.add_argument(
         "--normals",
         default="auto",
         choices=["auto", "pca", "input"],
-        help="raw normals: estimated at a scale that suits the noise, from 24 neighbours, or the file's (auto)",
+        help="initial normals: estimated at a scale that suits the noise (auto) or from 24 neighbours (pca), or "
+        "read from the file (input) (default: auto)",
     )
-    parser.add_argument("--orient", action="store_true", help="turn the normals to one side of the surface")
-    parser.add_argument("--outliers", default="keep", choices=["keep", "drop"], help="points far from all others")
+    parser.add_argument("--orient", action="store_true", help="flip the normals to one side of the surface")
+    parser.add_argument(
+        "--outliers", default="keep", choices=["keep", "drop"], help="points far from all others (default: keep)"
+    )
     parser.add_argument(
         "--nonfinite",
         default="keep",
         choices=["keep", "reject", "drop"],
-        help="rows of NaN or infinity: come back in their places, are refused, or left out (keep)",
+        help="rows that contain NaN or infinity: return them in place, refuse the file, or drop them (default: keep)",
     )
     parser.add_argument(
         "--ignore-classes",
         type=_classes,
         default=(),
         metavar="C,C",
-        help="classes of a LAS that come back as they are and are left out of the fit, such as noise: 7,18",
+        help="LAS classes that are returned unchanged and excluded from the fit, such as noise: 7,18",
     )
     parser.add_argument(
         "--coordinates",
         default="keep",
         choices=["keep", "float32", "float64"],
-        help="type of the result's coordinates; float32 far from the origin are moved by an offset, which is recorded "
-        "(keep)",
+        help="type of the result's coordinates; float32 coordinates far from the origin are shifted by an offset, which "
+        "is recorded (default: keep)",
     )
-    parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="of every random choice (0)")
+    parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="seed of all random choices (default: 0)")
     parser.add_argument(
-        "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved"
+        "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved, as a PNG"
     )
     parser.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     parser.set_defaults(run=_denoise)
@@ -126,9 +141,7 @@ def _denoise(options: argparse.Namespace) -> int:
 
         cloud = drop_outliers(cloud)
     if options.normals == "input" and cloud.normals is None:
-        raise PcdnfError(
-            "The file has no normals.", code="no_normals", hint="Leave out --normals input to have them estimated."
-        )
+        raise PcdnfError("The file has no normals.", code="no_normals", hint="Remove --normals input to estimate them.")
     from ..denoiser import Denoiser
     from ..models.catalog import DEFAULT_MODEL
 
@@ -145,7 +158,7 @@ def _denoise(options: argparse.Namespace) -> int:
     denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
     notes = denoised.warnings + _written(options.output, denoised, options)
     if result.flagged.any():
-        notes.append(f"{int(result.flagged.sum())} points have too few neighbours and came back as they were.")
+        notes.append(f"{int(result.flagged.sum())} points have too few neighbours and were left unchanged.")
     for note in notes:
         print(f"pcdnf: {note}", file=sys.stderr)
     if options.picture:
@@ -162,7 +175,7 @@ def _denoise(options: argparse.Namespace) -> int:
 
 
 def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> DenoiseResult:
-    """Denoise behind a progress bar, which a pipe does not get."""
+    """Denoise and show a progress bar if standard error is a terminal."""
     from tqdm import tqdm
 
     hidden = True if options.quiet else None
@@ -185,7 +198,7 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
 
 
 def _written(path: Path, cloud: PointCloud, options: argparse.Namespace) -> list[str]:
-    """Write a result in the format its name asks for, else in that of the input; what could not be kept."""
+    """Write a result in the format of its extension, else of the input; return notes on what was lost."""
     from ..formats import write
 
     ending = path.suffix.lower()
@@ -204,5 +217,5 @@ def _written(path: Path, cloud: PointCloud, options: argparse.Namespace) -> list
         raise PcdnfError(
             f"{path} cannot be written: {error.strerror or type(error).__name__}.",
             code="unwritable_file",
-            hint="Check its folder's permissions and the space left.",
+            hint="Check the folder's permissions and the free disk space.",
         ) from error

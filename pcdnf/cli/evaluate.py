@@ -19,11 +19,11 @@ def add_evaluate(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "evaluate",
         help="score a cloud against a clean one",
-        description="Chamfer distance, point-to-surface distance and normal error, in units of the clean cloud's "
-        "bounding-box diagonal. Clean normals are estimated where the file has none.",
+        description="Print the chamfer distance, the point-to-surface distance and the normal error, in units of the "
+        "clean cloud's bounding-box diagonal. Clean normals are estimated if the file has none.",
     )
-    parser.add_argument("prediction", type=Path, help=f"{titles()}, or NPY (N, 3)")
-    parser.add_argument("clean", type=Path, help="the same")
+    parser.add_argument("prediction", type=Path, help=f"the cloud to score: {titles()}, or NPY (N, 3)")
+    parser.add_argument("clean", type=Path, help="the clean cloud, in any of these formats")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_evaluate)
 

@@ -18,8 +18,8 @@ def add_import_weights(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "import-weights",
         help="convert the authors' released checkpoint",
-        description="Convert a checkpoint of the authors' code (GitHub LabZhengLiu/PCDNF) for --model. "
-        "Only tensors are read from it; no code in it is run.",
+        description="Convert a checkpoint of the authors' code (GitHub LabZhengLiu/PCDNF) for use with --model. "
+        "Only its tensors are read; code in it is never executed.",
     )
     parser.add_argument("release", type=Path, help="the .pth file")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the .safetensors file to write")

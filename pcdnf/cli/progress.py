@@ -1,4 +1,4 @@
-"""How far the work is, on standard error: bars on a terminal, lines elsewhere."""
+"""Progress on standard error: bars on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from tqdm import tqdm
 from ..client.schemas import Job
 
 LINE_SHARE, LINE_BYTES = 0.1, 1 << 28
-"""A line is printed whenever so much more of a job is done, or of a file is sent."""
+"""Share of a job, and bytes of an upload, after which another line is printed."""
 COLUMNS, ROWS = 80, 24
-"""Of a terminal that does not know its size."""
+"""Size that is assumed if the terminal reports none."""
 
 
 class Display(Protocol):
-    """What is told to whoever waits."""
+    """Where progress is shown."""
 
     def upload(self, name: str, done: int, total: int) -> None:
-        """Bytes of an upload."""
+        """Show the progress of an upload, in bytes."""
 
     def job(self, name: str, job: Job) -> None:
         """Show the state of a job."""
@@ -29,7 +29,7 @@ class Display(Protocol):
         """Print a sentence that stays on the screen."""
 
     def clear(self) -> None:
-        """Nothing is under way now."""
+        """Remove what is shown: nothing is in progress."""
 
 
 def choose(*, quiet: bool) -> Display:
@@ -40,24 +40,24 @@ def choose(*, quiet: bool) -> Display:
 
 
 class Quiet:
-    """Notes alone."""
+    """Prints notes only."""
 
     def upload(self, name: str, done: int, total: int) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def job(self, name: str, job: Job) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def note(self, text: str) -> None:
         """Print a line."""
         print(f"pcdnf: {text}", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 class Lines(Quiet):
-    """A line for every step, and for every tenth of a job."""
+    """Prints a line for every step and every tenth of a job."""
 
     def __init__(self) -> None:
         self._last: tuple[str, object] | None = None
@@ -81,14 +81,14 @@ class Lines(Quiet):
 
 
 class Bars:
-    """One bar: of the upload, of the queue, of the job."""
+    """Shows one bar at a time: the upload, the queue, the job."""
 
     def __init__(self) -> None:
         self._bar: tqdm | None = None
         self._shows: tuple[str, str] | None = None
 
     def upload(self, name: str, done: int, total: int) -> None:
-        """Bytes, their rate, and the time left."""
+        """Show bytes, their rate and the time left."""
         bar = self._show(name, "upload", total, unit="B", unit_scale=True, unit_divisor=1024)
         bar.update(done - bar.n)
 
@@ -110,7 +110,7 @@ class Bars:
         tqdm.write(f"pcdnf: {text}", file=sys.stderr)
 
     def clear(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
         self._bar = self._shows = None

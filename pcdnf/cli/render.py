@@ -24,27 +24,29 @@ def add_render(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "render",
         help="draw clouds as a PNG, with a map of displacement or error",
-        description="Draw a cloud, or one before and after, and how far each point moved (or, with --clean, how far "
-        "each is from the clean surface), in the unit of the file. Needs no display and no GPU.",
+        description="Draw one cloud, or a cloud before and after denoising with a map of how far each point moved. "
+        "With --clean the map shows the distance to the clean surface. No display and no GPU are needed.",
     )
-    parser.add_argument("before", type=Path, help=titles())
-    parser.add_argument("after", type=Path, nargs="?", help="the same points, denoised")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="the PNG")
+    parser.add_argument("before", type=Path, help=f"the cloud: {titles()}")
+    parser.add_argument("after", type=Path, nargs="?", help="the same cloud after denoising")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="the PNG to write")
     parser.add_argument("--clean", type=Path, help="the clean cloud, for a map of the error")
     parser.add_argument(
         "--map",
         choices=["auto", "displacement", "error", "none"],
         default="auto",
-        help="auto: error with --clean, else displacement where there are two clouds of the same points",
+        help="auto draws the error with --clean, else the displacement if both clouds have the same points",
     )
-    parser.add_argument("--title", help="a line of its own (the name of the file)")
-    parser.add_argument("--labels", nargs="+", metavar="LABEL", help="in place of Before and After")
-    parser.add_argument("--unit", default="", metavar="U", help="of the file's coordinates, as mm, for the legend")
-    parser.add_argument("--view", choices=["auto", *VIEWS], default="auto", help="where it is seen from (%(default)s)")
-    parser.add_argument("--up", choices=UPS, help="the axis that points up, as in --up=-y (guessed)")
-    parser.add_argument("--size", type=_size, metavar="WxH", help="pixels of the picture (1600x900; more with maps)")
-    parser.add_argument("--plain", action="store_true", help="clay in place of the file's colours")
-    parser.add_argument("--no-detail", action="store_true", help="leave the magnified detail out")
+    parser.add_argument("--title", help="line of text below the picture (default: the file's name)")
+    parser.add_argument("--labels", nargs="+", metavar="LABEL", help="one label per cloud (default: Before and After)")
+    parser.add_argument("--unit", default="", metavar="U", help="unit of the coordinates, such as mm, for the legend")
+    parser.add_argument("--view", choices=["auto", *VIEWS], default="auto", help="viewpoint (default: %(default)s)")
+    parser.add_argument("--up", choices=UPS, help="axis that points up, such as --up=-y (default: guessed)")
+    parser.add_argument(
+        "--size", type=_size, metavar="WxH", help="size in pixels (default: 1600x900, larger with maps)"
+    )
+    parser.add_argument("--plain", action="store_true", help="draw in clay instead of the file's colours")
+    parser.add_argument("--no-detail", action="store_true", help="omit the magnified detail")
     parser.set_defaults(run=_render)
 
 

@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 FAILED, INTERRUPTED = 1, 130
 PARAMETERS = {
-    "iterations": "passes over the cloud: auto, or a number",
-    "radius": "size of the neighbourhoods: auto, a length, or a share of the diagonal such as 4%%",
-    "fast": "half as many neighbours a point: true or false",
-    "model": "a name that the service's /models lists",
-    "seed": "of every random choice",
-    "normals": "where raw normals come from: auto, pca or input",
-    "orient": "whether normals are turned to one side: true or false",
+    "iterations": "number of passes over the cloud: auto, or a number",
+    "radius": "patch radius: auto, a length, or a percentage of the diagonal such as 4%%",
+    "fast": "half as many neighbours per point: true or false",
+    "model": "name listed by the service's /models",
+    "seed": "seed of all random choices",
+    "normals": "initial normals: auto, pca or input",
+    "orient": "flip the normals to one side of the surface: true or false",
     "outliers": "points far from all others: keep or drop",
-    "nonfinite": "rows of NaN or infinity: keep, reject or drop",
+    "nonfinite": "rows that contain NaN or infinity: keep, reject or drop",
 }
-"""Parameters of a job, which the service checks; those left out are the service's choice."""
+"""Parameters of a job. The service checks them and chooses those that are omitted."""
 DEFAULT_PATIENCE = 600.0
 SHOWN_JOBS = 20
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -43,20 +43,20 @@ def add_submit(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "submit",
         help="denoise files on a service",
-        description="Upload files to a service, follow their jobs and fetch the results. Ctrl-C asks whether to cancel "
-        "the jobs or leave them running; without a terminal they are left.",
-        epilog="Exit status: 0 every file is done; 1 some are not; 2 wrong usage, nothing was sent; 130 interrupted.",
+        description="Upload files to a service, wait for their jobs and download the results. Ctrl-C asks whether to "
+        "cancel the jobs or leave them running; without a terminal they keep running.",
+        epilog="Exit status: 0 all files are done; 1 some failed; 2 wrong usage, nothing was sent; 130 interrupted.",
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="files, or patterns such as 'scans/**/*.ply'")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("-o", "--output", type=Path, help="the result of one file; its ending picks the format")
-    where.add_argument("--out-folder", type=Path, metavar="FOLDER", help="for results named FILE_denoised")
-    where.add_argument("--detach", action="store_true", help="print the jobs' ids and wait for nothing")
-    parser.add_argument("--resume", action="append", default=[], metavar="ID", help="go on with a job of before")
+    where.add_argument("-o", "--output", type=Path, help="result of a single file; its extension chooses the format")
+    where.add_argument("--out-folder", type=Path, metavar="FOLDER", help="folder for results, named FILE_denoised")
+    where.add_argument("--detach", action="store_true", help="print the job ids and do not wait")
+    parser.add_argument("--resume", action="append", default=[], metavar="ID", help="continue with an earlier job")
     _add_service(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object a file")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per file")
     parser.add_argument("--quiet", action="store_true", help="print errors and warnings only")
-    group = parser.add_argument_group("parameters of the jobs", "Checked by the service, which fills in the others.")
+    group = parser.add_argument_group("parameters of the jobs", "The service checks these and chooses the others.")
     for name, what in PARAMETERS.items():
         group.add_argument(f"--{name}", metavar=name[0].upper(), help=what)
     parser.set_defaults(run=_submit)
@@ -67,26 +67,28 @@ def add_jobs(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "jobs",
         help="list, cancel or remove your jobs on a service",
-        description="List your jobs on a service, newest first, or cancel or remove some.",
-        epilog="Exit status: 0 done; 1 some could not be cancelled or removed; 2 refused; 130 interrupted.",
+        description="List your jobs on a service, newest first, or cancel or remove jobs.",
+        epilog="Exit status: 0 done; 1 some jobs could not be changed; 2 refused; 130 interrupted.",
     )
-    parser.add_argument("--cancel", action="append", default=[], metavar="ID", help="cancel a job; a result stays")
+    parser.add_argument("--cancel", action="append", default=[], metavar="ID", help="cancel a job; a result is kept")
     parser.add_argument("--remove", action="append", default=[], metavar="ID", help="remove a job with its files")
-    parser.add_argument("--limit", type=_count, default=SHOWN_JOBS, metavar="N", help="most jobs listed (%(default)s)")
+    parser.add_argument(
+        "--limit", type=_count, default=SHOWN_JOBS, metavar="N", help="most jobs listed (default: %(default)s)"
+    )
     _add_service(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object a job")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per job")
     parser.set_defaults(run=_jobs)
 
 
 def _add_service(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--url", help="address of the service (PCDNF_URL, else http://127.0.0.1:8000)")
-    parser.add_argument("--key-file", type=Path, metavar="FILE", help="file that holds the key (else PCDNF_API_KEY)")
+    parser.add_argument("--url", help="address of the service (default: PCDNF_URL, then http://127.0.0.1:8000)")
+    parser.add_argument("--key-file", type=Path, metavar="FILE", help="file with the API key (default: PCDNF_API_KEY)")
     parser.add_argument(
         "--patience",
         type=float,
         default=DEFAULT_PATIENCE,
         metavar="S",
-        help="seconds to go on trying while the service is busy or away (%(default)g)",
+        help="seconds to keep trying while the service is busy or unreachable (default: %(default)g)",
     )
 
 
@@ -101,13 +103,13 @@ def _connect(options: argparse.Namespace, display: Display) -> Client:
     from ..client import Client
 
     def retried(error: PcdnfError, pause: float) -> None:
-        display.note(f"{error} Trying again in {pause:.0f} s.")
+        display.note(f"{error} Retrying in {pause:.0f} s.")
 
     key = None if options.key_file is None else _read_key(options.key_file)
     client = Client(options.url, key=key, patience=options.patience, on_retry=retried)
     parts = urlsplit(client.url)
     if client.has_key and parts.scheme == "http" and parts.hostname not in _LOOPBACK:
-        display.note(f"The key goes to {parts.hostname} unencrypted; use https where you can.")
+        display.note(f"The API key is sent to {parts.hostname} without encryption; use https if possible.")
     return client
 
 
@@ -116,23 +118,23 @@ def _read_key(path: Path) -> str:
         key = path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise PcdnfError(
-            f"The file of the key cannot be read: {why}.", code="bad_key", hint="Check --key-file."
-        ) from None
+        raise PcdnfError(f"The key file cannot be read: {why}.", code="bad_key", hint="Check --key-file.") from None
     if not key:
-        raise PcdnfError("The file of the key is empty.", code="bad_key", hint="Check --key-file.")
+        raise PcdnfError("The key file is empty.", code="bad_key", hint="Check --key-file.")
     return key
 
 
 def _submit(options: argparse.Namespace) -> int:
     if not options.files and not options.resume:
-        raise PcdnfError("There is nothing to do.", code="no_files", hint="Name files, or a job with --resume.")
+        raise PcdnfError("No files were given.", code="no_files", hint="Name a file, or a job with --resume.")
     if not (options.output or options.out_folder or options.detach):
         raise PcdnfError(
-            "Where do the results go?", code="no_output", hint="Use -o FILE, --out-folder FOLDER or --detach."
+            "No place for the results was given.",
+            code="no_output",
+            hint="Use -o FILE, --out-folder FOLDER or --detach.",
         )
     if options.detach and options.resume:
-        raise PcdnfError("--resume waits and --detach does not.", code="usage", hint="Leave one of them out.")
+        raise PcdnfError("--resume and --detach cannot be combined.", code="usage", hint="Remove one of them.")
     from .batch import Batch, Destination, Item, expanded
     from .progress import choose
 
@@ -158,7 +160,7 @@ def _submit(options: argparse.Namespace) -> int:
 
 
 def _report(item: Item, options: argparse.Namespace, display: Display) -> None:
-    """Print what became of a file: results to standard output, sentences to standard error."""
+    """Print the outcome of a file: results to standard output, sentences to standard error."""
     from .batch import seconds
 
     if options.json:
@@ -167,8 +169,8 @@ def _report(item: Item, options: argparse.Namespace, display: Display) -> None:
         display.note(f"{item.name}: {warning}")
     if item.error is not None:
         hint = f" {item.error.hint}" if item.error.hint else ""
-        again = f" Its job is {item.job_id}." if item.job_id and item.error.code == "unreachable" else ""
-        display.note(f"{item.name}: {item.error}{hint}{again}")
+        job_id = f" Its job is {item.job_id}." if item.job_id and item.error.code == "unreachable" else ""
+        display.note(f"{item.name}: {item.error}{hint}{job_id}")
     elif options.json:
         return
     elif options.detach:
@@ -180,11 +182,11 @@ def _report(item: Item, options: argparse.Namespace, display: Display) -> None:
 
 
 def _interrupted(batch: Batch, options: argparse.Namespace) -> None:
-    """After Ctrl-C: cancel the jobs that are under way, or say how to go on with them."""
+    """After Ctrl-C, cancel the jobs that are under way or print how to continue with them."""
     items = list(batch.under_way)
     if batch.uploading is not None:
-        print(f"pcdnf: {batch.uploading.name}: the upload was broken off; if the service had it, `pcdnf jobs` lists "
-              "its job.", file=sys.stderr)  # fmt: skip
+        print(f"pcdnf: {batch.uploading.name}: the upload was interrupted. If the service received it, `pcdnf "
+              "jobs` lists its job.", file=sys.stderr)  # fmt: skip
     if not items:
         print("pcdnf: Interrupted.", file=sys.stderr)
         return
@@ -201,14 +203,14 @@ def _interrupted(batch: Batch, options: argparse.Namespace) -> None:
         address = f" --url {options.url}" if options.url else ""
         resume = " ".join(f"--resume {job_id}" for job_id in ids)
         where = f"-o {options.output}" if options.output else f"--out-folder {options.out_folder}"
-        print(f"pcdnf: Left running. Go on with: pcdnf submit {resume} {where}{address}", file=sys.stderr)
+        print(f"pcdnf: Left running. Continue with: pcdnf submit {resume} {where}{address}", file=sys.stderr)
     if options.json:
         for item in items:
             print(json.dumps(item.as_dict()), flush=True)
 
 
 def _wants_cancel(ids: list[str]) -> bool:
-    """Ask, where somebody can answer; anything but a clear yes leaves the jobs running."""
+    """Ask on a terminal; any answer but a clear yes leaves the jobs running."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     what = f"job {ids[0]}" if len(ids) == 1 else f"{len(ids)} jobs"

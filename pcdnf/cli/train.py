@@ -28,19 +28,23 @@ def _train(options: argparse.Namespace) -> int:
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``pcdnf train``."""
-    parser.add_argument("folder", type=Path, help="where the run lives; an interrupted run goes on from there")
-    parser.add_argument("--kind", choices=sorted(KINDS), default="lite", help="which network")
-    parser.add_argument("--minutes", type=float, default=60.0, help="wall time of the whole schedule")
+    parser.add_argument("folder", type=Path, help="folder of the run; an interrupted run resumes from it")
+    parser.add_argument("--kind", choices=sorted(KINDS), default="lite", help="network to train (default: lite)")
+    parser.add_argument(
+        "--minutes", type=float, default=60.0, help="wall-clock time of the whole training (default: 60)"
+    )
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    parser.add_argument("--threads", type=int, default=1, help="threads of torch")
+    parser.add_argument("--threads", type=int, default=1, help="threads for torch (default: 1)")
     parser.add_argument("--workers", type=int, help="processes that prepare batches")
-    parser.add_argument("--batch", type=int, help="patches a step")
-    parser.add_argument("--learning-rate", type=float, metavar="RATE", help="the highest of the schedule")
+    parser.add_argument("--batch", type=int, help="patches per step")
+    parser.add_argument("--learning-rate", type=float, metavar="RATE", help="peak of the learning rate")
     parser.add_argument("--start", metavar="MODEL", help="model to start from instead of random weights")
-    parser.add_argument("--first-pass", metavar="MODEL", help="model that prepares a share of the clouds, or 'self'")
+    parser.add_argument(
+        "--first-pass", metavar="MODEL", help="model that denoises some training clouds once beforehand, or 'self'"
+    )
     parser.add_argument("--first-pass-share", type=float, default=0.4)
     parser.add_argument("--save-every", type=float, default=150.0, metavar="SECONDS")
     parser.add_argument("--validation-patches", type=int, default=2048)
     parser.add_argument("--validation-clouds", type=int, default=12)
-    parser.add_argument("--pool", type=int, default=64, help="training clouds held in memory at once")
+    parser.add_argument("--pool", type=int, default=64, help="training clouds held in memory at once (default: 64)")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,11 +1,11 @@
-"""A client of the service: upload a cloud, follow its job, fetch the result.
+"""A client of the service: upload a cloud, wait for its job, download the result.
 
 >>> from pcdnf.client import Client
 >>> with Client("http://127.0.0.1:8000") as client:
 ...     job = client.denoise("scan.ply", "clean.ply", iterations=3)
 
-Needs the extra ``client`` (httpx, pydantic) and nothing that denoises. Short refusals (429, 503) and lost connections
-are waited out; a request that is repeated never makes a second job.
+Needs the extra ``client`` (httpx, pydantic) and nothing that denoises. After temporary errors (429, 503, lost
+connections) a request is repeated; that never creates a second job.
 """
 
 from ..errors import MissingExtraError

@@ -1,4 +1,4 @@
-"""The client: one method a thing the service does."""
+"""The client: one method for each request of the service."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from .transport import DEFAULT_URL
 PATIENCE_SECONDS = 300.0
 PAGE = 100
 _POLL_SECONDS = 1.0
-"""Between two looks at a job where the service does not say."""
+"""Time between two requests for a job if the service names none."""
 
 
 class Client:
-    """A service's client; use it as a context manager, from one thread.
+    """A client of one service; use it as a context manager, from one thread.
 
     Parameters
     ----------
@@ -38,15 +38,15 @@ class Client:
     key : str, optional
         Sent as ``Authorization: Bearer``; by default ``PCDNF_API_KEY`` of the environment.
     patience : float
-        Seconds a request is repeated for while the service is busy (429, 503, waiting as long as ``Retry-After``
-        says) or cannot be reached.
+        Seconds for which a request is repeated while the service is busy (429 or 503, after the pause that
+        ``Retry-After`` names) or cannot be reached.
     on_retry : callable, optional
-        Told the error and the seconds of each such pause.
+        Called with the error and the seconds of each such pause.
 
     Raises
     ------
     PcdnfError
-        ``bad_url`` or ``bad_key``. Every method also raises :class:`ProblemError` with what the service answered, and
+        ``bad_url`` or ``bad_key``. Every method also raises :class:`ProblemError` with the service's answer, and
         :class:`UnreachableError`.
     """
 
@@ -88,14 +88,13 @@ class Client:
         Parameters
         ----------
         path : path-like
-            Streamed, whatever its size.
+            The file is streamed, whatever its size.
         parameters : mapping, optional
-            Of the service, see ``POST /denoise`` in ``docs/api.md``; it checks them.
+            Parameters of ``POST /denoise``, see ``docs/api.md``; the service checks them.
         progress : callable, optional
-            Told the bytes read and all bytes of the file.
+            Called with the bytes read so far and the size of the file.
         idempotency_key : str, optional
-            The same for a submission that is repeated by the caller; by default a new one, used for every attempt
-            of this call.
+            Use the same key to repeat a submission; by default a new key, used for every attempt of this call.
 
         Returns
         -------
@@ -130,13 +129,13 @@ class Client:
         return Job.model_validate_json(self._session.send("GET", _path(job_id)).content)
 
     def wait(self, job_id: str, *, progress: Callable[[Job], None] | None = None, timeout: float | None = None) -> Job:
-        """Follow a job until it has ended, well or not.
+        """Wait until a job has ended, successfully or not.
 
         Parameters
         ----------
         job_id : str
         progress : callable, optional
-            Told the job after every look at it, which the service's ``Retry-After`` paces.
+            Called with the job after every request; the service's ``Retry-After`` sets the pace.
         timeout : float, optional
             Seconds.
 
@@ -147,7 +146,7 @@ class Client:
         Raises
         ------
         TimeoutError
-            It has not ended in time; it runs on.
+            The job has not ended in time; it keeps running.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         headers: dict[str, str] = {}
@@ -164,7 +163,7 @@ class Client:
             pause = retry_after(response)
             pause = _POLL_SECONDS if pause is None else pause
             if deadline is not None and time.monotonic() + pause > deadline:
-                raise TimeoutError(f"Job {job_id} has not ended after {timeout:g} seconds.")
+                raise TimeoutError(f"Job {job_id} did not end within {timeout:g} seconds.")
             time.sleep(pause)
 
     def result(
@@ -175,7 +174,7 @@ class Client:
         format: str | None = None,
         progress: BytesDone | None = None,
     ) -> None:
-        """Fetch a result; ``path`` is replaced in one step once all of it is there and its digest is right.
+        """Download a result; ``path`` is replaced in one step after the digest has been checked.
 
         Parameters
         ----------
@@ -184,7 +183,7 @@ class Client:
         format : str, optional
             A name of :data:`pcdnf.file_formats.FORMATS`; by default the one that was uploaded.
         progress : callable, optional
-            Told the bytes that came and all bytes.
+            Called with the bytes received so far and the total.
 
         Raises
         ------
@@ -201,13 +200,13 @@ class Client:
             raise PcdnfError(
                 f"{path} cannot be written: {error.strerror or type(error).__name__}.",
                 code="unwritable_file",
-                hint="Check its folder's permissions and the space left.",
+                hint="Check the folder's permissions and the free disk space.",
             ) from error
 
     def denoise(
         self, path: str | os.PathLike[str], output: str | os.PathLike[str], **parameters: str | int | float
     ) -> Job:
-        """Submit a cloud, wait for it and fetch the result, in the format of ``output``'s name where it has one.
+        """Submit a cloud, wait for its job and download the result, in the format of ``output``'s extension.
 
         Raises
         ------
@@ -224,12 +223,12 @@ class Client:
         """Raise :class:`JobError` unless a finished job has a result."""
         if job.status == "succeeded":
             return
-        told = job.problem or ProblemDetail(
+        reported = job.problem or ProblemDetail(
             detail=f"The job is {job.status}." if job.live else f"The job was {job.status}.",
             code=f"job_{job.status}",
             hint=None if job.live else "Submit the file again.",
         )
-        raise JobError(told, job.id)
+        raise JobError(reported, job.id)
 
     def jobs(self, most: int | None = None) -> Iterator[Job]:
         """Iterate over your jobs, newest first, fetched a page at a time."""
@@ -283,5 +282,7 @@ def format_of(output: str | os.PathLike[str], source: str | os.PathLike[str] | N
 
 def _path(job_id: str) -> str:
     if not job_id.isascii() or not job_id.replace("-", "").replace("_", "").isalnum():
-        raise PcdnfError(f"{job_id!r} is not the id of a job.", code="bad_job_id", hint="`pcdnf jobs` lists them.")
+        raise PcdnfError(
+            f"{job_id!r} is not a valid job id.", code="bad_job_id", hint="List the ids with `pcdnf jobs`."
+        )
     return f"jobs/{job_id}"

@@ -1,7 +1,7 @@
 """The exceptions of the client.
 
 PcdnfError
-├── UnreachableError  no answer came: no connection, a broken one, or silence
+├── UnreachableError  no answer came: no connection, a lost connection, or a timeout
 └── ProblemError      the service answered with a problem
     └── JobError      the job ended without a result
 
@@ -31,13 +31,13 @@ class ProblemError(PcdnfError):
     Attributes
     ----------
     code, hint : str
-        As the service gave them; ``http_<status>`` where something in between answered.
+        As in the service's answer; ``http_<status>`` if a proxy answered instead.
     status : int
         The HTTP status.
     problem : ProblemDetail
-        All of it.
+        The whole answer.
     retry_after : float or None
-        Seconds after which the service wants to be asked again.
+        Seconds to wait before the next attempt, if the service named them.
     """
 
     def __init__(self, problem: ProblemDetail, *, retry_after: float | None = None) -> None:

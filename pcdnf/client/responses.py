@@ -1,4 +1,4 @@
-"""An answer's headers and errors, read with care: proxies answer, too."""
+"""Headers and errors of responses; a proxy may have answered instead of the service."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def error_of(response: httpx.Response) -> ProblemError:
         problem = ProblemDetail(
             title=response.reason_phrase,
             status=status,
-            detail=f"The answer was {status} {response.reason_phrase}, and not from this service.",
+            detail=f"The response was {status} {response.reason_phrase} and did not come from the service.",
             code=f"http_{status}",
-            hint="Check the address, and what stands between here and the service.",
+            hint="Check the address and any proxy in front of the service.",
         )
     return ProblemError(problem, retry_after=retry_after(response))
 
 
 def retry_after(response: httpx.Response) -> float | None:
-    """Seconds of ``Retry-After``, given as a number or a date; None where there is none or it is neither."""
+    """Seconds of ``Retry-After``, given as a number or a date; None without a valid one."""
     header = response.headers.get("retry-after", "")
     try:
         seconds = float(header)

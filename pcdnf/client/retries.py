@@ -1,4 +1,4 @@
-"""Trying again: how long, how often, and what for."""
+"""Retries: how long, how often, and after which errors."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import TypeVar
 from .errors import ProblemError, UnreachableError
 
 FIRST_CONTACT_SECONDS = 5.0
-"""A service that never answered is given up after this; a wrong address should not cost minutes."""
+"""Time limit for a service that has never answered: a wrong address should not cost minutes."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0
-"""Seconds between attempts where the service names none; doubled each time."""
+"""Seconds between attempts if the service names none; doubled each time."""
 TEMPORARY = frozenset({429, 502, 503, 504})
 
 T = TypeVar("T")
@@ -26,9 +26,9 @@ class Retries:
     Parameters
     ----------
     seconds : float
-        Counted from the first attempt of each request.
+        Time limit, counted from the first attempt of each request.
     notify : callable, optional
-        Told the error and the seconds of each pause.
+        Called with the error and the seconds of each pause.
     """
 
     def __init__(self, seconds: float, notify: Notify | None = None) -> None:
@@ -42,14 +42,14 @@ class Retries:
         Parameters
         ----------
         attempt : callable
-            Must be safe to repeat.
+            A request that is safe to repeat.
         also : set of int
-            Statuses that are temporary for this request when they come with a ``Retry-After``.
+            Statuses that are temporary for this request if ``Retry-After`` comes with them.
 
         Raises
         ------
         ProblemError, UnreachableError
-            The last error, once the next attempt would come too late.
+            The last error, if the next attempt would exceed the time limit.
         """
         began = time.monotonic()
         for number in count():
@@ -78,5 +78,5 @@ class Retries:
 
 
 def _backoff(number: int) -> float:
-    """Seconds before the attempt after this one; scattered, so that many clients do not come back at once."""
+    """Seconds before the next attempt, randomised so that many clients do not return at once."""
     return min(LONGEST_PAUSE, FIRST_PAUSE * 2.0 ** min(number, 10)) * random.uniform(0.5, 1.0)

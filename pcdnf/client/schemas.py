@@ -1,4 +1,4 @@
-"""What the service says, typed. Members of a newer service that are not known here are kept, not refused."""
+"""Answers of the service as types; unknown members of a newer service are kept."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ProblemDetail(_Shown):
 
 
 class Progress(_Shown):
-    """How far a job is: points of the cloud times passes."""
+    """Progress of a job, in points of the cloud times passes."""
 
     done: int
     total: int
@@ -37,7 +37,7 @@ class Progress(_Shown):
 
 
 class Plan(_Shown):
-    """What was settled before a job ran."""
+    """The plan of a job: what was estimated and chosen before it ran."""
 
     noise: float
     spacing: float
@@ -46,7 +46,7 @@ class Plan(_Shown):
 
 
 class Execution(_Shown):
-    """On what a job runs."""
+    """Model, device and precision that a job runs with."""
 
     model: str
     weights_sha256: str
@@ -61,8 +61,8 @@ class Execution(_Shown):
 class Job(_Shown):
     """A job of the service; see ``docs/api.md``.
 
-    Times carry their zone. ``queue_position`` is 1 for the next to run and None once it runs; ``seconds_left`` and
-    ``points_per_second`` are None while nothing is known.
+    Times have a time zone. ``queue_position`` is 1 for the next job to run and None once it runs. ``seconds_left`` and
+    ``points_per_second`` are None while they are unknown.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Bytes on their way: a file that counts what is read of it, and a download that is checked and can go on."""
+"""Uploads that report their progress, and downloads that can be resumed and are checked."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import httpx
 from ..errors import PcdnfError
 
 BytesDone = Callable[[int, int], None]
-"""Told bytes done and bytes in all."""
+"""Called with the bytes done and the total."""
 _DIGEST = re.compile(r"sha-256=:([A-Za-z0-9+/=]+):")
 _RANGE = re.compile(r"bytes (\d+)-")
 
 
 class CountedFile:
-    """A file that is uploaded in pieces and tells how much of it was read."""
+    """A file that is uploaded in pieces and reports how much of it was read."""
 
     def __init__(self, file: BinaryIO, progress: BytesDone | None) -> None:
         self._file = file
@@ -29,11 +29,11 @@ class CountedFile:
         self._progress = progress
 
     def fileno(self) -> int:
-        """For the length of the body."""
+        """Return the descriptor, from which httpx takes the length."""
         return self._file.fileno()
 
     def seek(self, offset: int) -> int:
-        """Start again."""
+        """Move to an offset, to repeat the upload."""
         return self._file.seek(offset)
 
     def read(self, size: int = -1) -> bytes:
@@ -45,7 +45,7 @@ class CountedFile:
 
 
 class Download:
-    """A result written to a file, over as many connections as it takes.
+    """A result that is written to a file, over several connections if one breaks.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Download:
 
     @property
     def headers(self) -> dict[str, str]:
-        """Headers of the next request: only what is missing, if the result is still the same."""
+        """Headers of the next request: only the missing bytes, if the result is still the same."""
         if self._done == 0 or self._etag is None:
             return {}
         return {"Range": f"bytes={self._done}-", "If-Range": self._etag}
@@ -87,7 +87,7 @@ class Download:
                 self._progress(self._done, max(total, self._done))
 
     def check(self) -> None:
-        """Compare what was written with the service's digest.
+        """Compare the written bytes with the service's digest.
 
         Raises
         ------
@@ -96,9 +96,9 @@ class Download:
         """
         if self._digest is not None and self._digest != self._hash.digest():
             raise PcdnfError(
-                "The result arrived changed: its SHA-256 is not the one the service names.",
+                "The downloaded result is damaged: its SHA-256 differs from the one that the service reports.",
                 code="digest_mismatch",
-                hint="Fetch it again; if it happens again, something between here and the service alters it.",
+                hint="Download it again. If this repeats, a proxy in front of the service may alter it.",
             )
 
 

@@ -1,4 +1,4 @@
-"""The connection to a service: its address, its key, and httpx's errors in our words."""
+"""Address and key of a service, and httpx's errors as errors of this package."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def checked_url(url: str) -> str:
         raise PcdnfError(
             "The address of the service is not an http or https URL.",
             code="bad_url",
-            hint=f"It looks like {DEFAULT_URL} or https://denoise.example.org.",
+            hint=f"Use an address such as {DEFAULT_URL} or https://denoise.example.org.",
         )
     return url
 
@@ -35,9 +35,9 @@ def checked_key(key: str) -> str:
     """Check that a key can be sent in a header; raise ``bad_key`` otherwise."""
     if not key.isascii() or not key.isprintable() or " " in key:
         raise PcdnfError(
-            "The key has characters that no key has (spaces, line breaks or others).",
+            "The API key contains characters that are not allowed, such as spaces or line breaks.",
             code="bad_key",
-            hint="Check PCDNF_API_KEY or the file of the key.",
+            hint="Check PCDNF_API_KEY or the key file.",
         )
     return key
 
@@ -50,7 +50,7 @@ def transport_errors(url: str) -> Iterator[None]:
         yield
     except httpx.LocalProtocolError as error:
         raise PcdnfError(
-            "The request could not be sent as announced: the file changed meanwhile.",
+            "The file changed while it was being uploaded.",
             code="file_changed",
             hint="Wait until the file is complete, then submit it again.",
         ) from error
@@ -65,12 +65,12 @@ def transport_errors(url: str) -> Iterator[None]:
         raise UnreachableError(
             f"The service at {shown} {what} ({type(error).__name__}).",
             code="unreachable",
-            hint="Check the address, and that the service runs.",
+            hint="Check the address and whether the service is running.",
         ) from error
 
 
 def _certificate(error: BaseException | None) -> bool:
-    """Whether a failed check of a certificate is behind an error."""
+    """Whether a failed certificate check caused an error."""
     while error is not None:
         if isinstance(error, ssl.SSLCertVerificationError):
             return True

@@ -1,4 +1,4 @@
-"""Which device and which precision a network runs with."""
+"""Choice of the device and the precision that a network runs with."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..errors import PcdnfError
 
 
 class DeviceError(PcdnfError):
-    """A device or a precision this machine does not have, or a device without room for what it is given."""
+    """The device or precision does not exist on this machine, or the device ran out of memory."""
 
 
 @contextmanager
 def room_for(what: str) -> Iterator[None]:
-    """Say in our words that a device has no memory left for ``what``.
+    """Raise :class:`DeviceError` if the device runs out of memory for ``what``.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def room_for(what: str) -> Iterator[None]:
         raise DeviceError(
             f"The device ran out of memory with {what}.",
             code="out_of_memory",
-            hint="Take the lighter model, a smaller part of the cloud, or a device with more memory.",
+            hint="Use the lighter model, a smaller part of the cloud, or a device with more memory.",
         ) from error
 
 
@@ -48,11 +48,11 @@ def choose_device(name: str) -> str:
     kind, _, number = name.partition(":")
     if kind != "cuda" or not (number or "0").isdigit():
         raise DeviceError(
-            f"There is no device called {name!r}.", code="unknown_device", hint="Use auto, cpu, cuda or cuda:N."
+            f"There is no device named {name!r}.", code="unknown_device", hint="Use auto, cpu, cuda or cuda:N."
         )
     if int(number or 0) >= torch.cuda.device_count():
         raise DeviceError(
-            f"This machine has no device {name}: {torch.cuda.device_count()} GPUs can be used.",
+            f"This machine has no device {name}; it has {torch.cuda.device_count()} usable GPUs.",
             code="no_such_device",
             hint="Use device auto or cpu, or install a CUDA build of torch.",
         )
@@ -78,7 +78,7 @@ def choose_precision(name: str, *, device: str) -> str:
         return "bfloat16" if has_native_bfloat16(device) else "float32"
     if name not in ("float32", "bfloat16"):
         raise DeviceError(
-            f"There is no precision called {name!r}.",
+            f"There is no precision named {name!r}.",
             code="unknown_precision",
             hint="Use auto, float32 or bfloat16.",
         )

@@ -1,4 +1,4 @@
-"""What a caller may choose, checked without importing a network: iterations, radius, and the fast form."""
+"""Options of a run, checked without importing a network: passes, radius, initial normals, fast mode."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Literal, get_args
 from ..errors import PcdnfError
 
 InitialNormals = Literal["auto", "pca", "input"]
-"""Where raw normals come from; see :meth:`pcdnf.denoiser.Denoiser.prepare`."""
+"""Where initial normals come from; see :meth:`pcdnf.denoiser.Denoiser.prepare`."""
 MOST_ITERATIONS = 100
-"""That can be asked for at all; no noise gains from more than three."""
+"""Largest number of passes; no level of noise gains from more than three."""
 FAST_NEIGHBOURS = {"lite": 128}
-"""Neighbours a point in the fast form, by the kind of network: those that were trained with so few."""
+"""Neighbours per point in fast mode, for the kinds of networks that were trained with so few."""
 
 
 class ChoiceError(PcdnfError):
-    """Iterations, a radius, raw normals or a form that cannot be used."""
+    """A number of passes, a radius, initial normals or a mode that cannot be used."""
 
 
 def check_iterations(value: int | str) -> int | None:
@@ -37,15 +37,15 @@ def check_iterations(value: int | str) -> int | None:
         number = 0
     if not 1 <= number <= MOST_ITERATIONS:
         raise ChoiceError(
-            f"Iterations are given as auto or a whole number from 1 to {MOST_ITERATIONS}, not {str(value)[:40]!r}.",
+            f"Iterations must be auto or a whole number from 1 to {MOST_ITERATIONS}, not {str(value)[:40]!r}.",
             code="invalid_iterations",
-            hint="Leave it out to have it chosen.",
+            hint="Omit it to choose it automatically.",
         )
     return number
 
 
 def check_radius(value: float | str) -> tuple[float, bool] | None:
-    """Radius as (number, whether it is a share of the diagonal), None for "auto".
+    """Check a radius: (number, whether it is relative to the diagonal); None for "auto".
 
     Raises
     ------
@@ -62,16 +62,16 @@ def check_radius(value: float | str) -> tuple[float, bool] | None:
         number = 0.0
     if not (0 < number <= (1 if relative else math.nextafter(math.inf, 0))):
         raise ChoiceError(
-            f"A radius is given as auto, a length in the cloud's unit, or a share of its diagonal such as 4%, "
+            f"The radius must be auto, a length in the cloud's unit, or a percentage of its diagonal such as 4%, "
             f"not {text[:40]!r}.",
             code="invalid_radius",
-            hint="Leave it out to have it chosen.",
+            hint="Omit it to choose it automatically.",
         )
     return number, relative
 
 
 def check_initial(value: str) -> InitialNormals:
-    """Where raw normals come from.
+    """Check where initial normals come from.
 
     Raises
     ------
@@ -82,14 +82,14 @@ def check_initial(value: str) -> InitialNormals:
         if value == known:
             return known  # type: ignore[no-any-return]
     raise ChoiceError(
-        f"Raw normals are auto, pca or input, not {str(value)[:40]!r}.",
+        f"The initial normals must be auto, pca or input, not {str(value)[:40]!r}.",
         code="invalid_initial",
-        hint="Leave it out to have them estimated.",
+        hint="Omit it to estimate them.",
     )
 
 
 def check_fast(fast: bool, kind: str) -> int | None:
-    """Neighbours a point in the fast form of a kind of network, None for the usual one.
+    """Return the neighbours per point for a kind of network, None for the usual number.
 
     Raises
     ------
@@ -97,7 +97,5 @@ def check_fast(fast: bool, kind: str) -> int | None:
         ``no_fast_form``: this kind was trained with all its neighbours.
     """
     if fast and kind not in FAST_NEIGHBOURS:
-        raise ChoiceError(
-            "This model has no fast form.", code="no_fast_form", hint="Take pcdnf-lite, or leave fast out."
-        )
+        raise ChoiceError("This model has no fast mode.", code="no_fast_form", hint="Use pcdnf-lite, or omit fast.")
     return FAST_NEIGHBOURS[kind] if fast else None

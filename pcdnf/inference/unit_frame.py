@@ -32,7 +32,7 @@ def checked_points(points: ArrayLike, fewest: int) -> NDArray[np.float64]:
         raise CloudError(
             f"The cloud has {len(given)} points; the network needs at least {fewest}.",
             code="too_few_points",
-            hint="Send a denser or larger piece of the scan.",
+            hint="Use a denser or larger part of the scan.",
         )
     return given
 
@@ -52,7 +52,7 @@ def checked_normals(normals: ArrayLike | None, count: int) -> NDArray[np.floatin
         raise CloudError(
             f"There are {len(given)} normals for {count} points.",
             code="bad_shape",
-            hint="Give one for each point, zeros where there is none; or none at all.",
+            hint="Pass one normal per point, zeros if it is unknown, or no normals at all.",
         )
     return given
 
@@ -64,9 +64,9 @@ def _rows_of_three(values: ArrayLike, what: str) -> NDArray[Any]:
         given = np.empty(0, object)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
         raise CloudError(
-            f"{what} are an array (N, 3) of real numbers, not {given.dtype} {given.shape}.",
+            f"{what} must be an array (N, 3) of real numbers, not {given.dtype} {given.shape}.",
             code="bad_shape",
-            hint="Give x, y and z, one row a point.",
+            hint="Pass one row of x, y and z per point.",
         )
     return given
 
@@ -95,14 +95,14 @@ class Frame:
         low, high = points.min(0), points.max(0)
         if not np.isfinite(low + high).all():
             raise CloudError(
-                "The cloud has coordinates that are not finite numbers.",
+                "The cloud has coordinates that are NaN or infinite.",
                 code="nonfinite",
                 hint="Remove those points first.",
             )
         extent = float(np.linalg.norm(high - low))
         if extent == 0:
             raise CloudError(
-                "All points of the cloud are equal.", code="zero_extent", hint="Check how the file was written."
+                "All points of the cloud are identical.", code="zero_extent", hint="Check how the file was written."
             )
         smallest, largest = EXTENT_RANGE
         if not smallest <= extent <= largest:

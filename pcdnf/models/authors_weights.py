@@ -1,9 +1,9 @@
 """Import of the authors' released checkpoint (GitHub ``LabZhengLiu/PCDNF``) into our network's form.
 
-Three things change on the way: the bias in front of a BatchNorm is taken into its running mean; the matrix of
+Three things change on the way: the bias before a BatchNorm is merged into its running mean; the matrix of
 an EdgeConv on ``[x_j - x_i ; x_i]`` becomes the two of ``pcdnf.models.pcdnf.EdgeConv``, its signs flipped in
-channels whose BatchNorm scale is negative, so that the maximum may stand in front of it; layers that the
-released code never runs are left out.
+channels whose BatchNorm scale is negative, so that the maximum may come before it; layers that the
+released code never runs are dropped.
 """
 
 from __future__ import annotations
@@ -80,15 +80,15 @@ def convert_release(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
         tensor = tensors.get(name)
         if tensor is None:
             raise PcdnfError(
-                f"The checkpoint has no tensor '{name}', so it is not one of the released PCDNF network.",
+                f"The checkpoint has no tensor '{name}', so it does not hold the released PCDNF network.",
                 code="release_tensor_missing",
-                hint="Import a checkpoint as the authors' code wrote it.",
+                hint="Import a checkpoint that the authors' code wrote.",
             )
         if [size for size in tensor.shape if size > 1] != [size for size in shape if size > 1]:
             raise PcdnfError(
-                f"Tensor '{name}' has shape {tuple(tensor.shape)} where the released network has {shape}.",
+                f"Tensor '{name}' has shape {tuple(tensor.shape)}; the released network has {shape}.",
                 code="release_tensor_shape",
-                hint="Import a checkpoint trained with the released network's own settings.",
+                hint="Import a checkpoint that was trained with the settings of the released network.",
             )
         return tensor.detach().float().reshape(shape).clone()  # without the 1 x 1 axes of convolutions
 
@@ -143,5 +143,5 @@ def read_release(path: str | Path) -> dict[str, Tensor]:
     raise PcdnfError(
         f"'{Path(path).name}' is not a checkpoint of the released PCDNF code.",
         code="release_unreadable",
-        hint="It must be a file that torch.save wrote, holding tensors under 'state_dict'.",
+        hint="Use a file written by torch.save, with tensors under 'state_dict'.",
     ) from cause

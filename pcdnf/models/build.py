@@ -1,4 +1,4 @@
-"""The two networks by kind: configuration, recipe and loss weights each is trained with."""
+"""Build a network by its kind, with fresh weights or those of a checkpoint."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def trained_network(info: ModelInfo, state: Mapping[str, Tensor]) -> tuple[nn.Mo
     Raises
     ------
     CheckpointError
-        ``bad_checkpoint``: configuration, recipe or weights are not those of a network of this version.
+        ``bad_checkpoint``: configuration, recipe or weights do not match a network of this version.
     """
     try:
         network = build_network(info.kind, info.config)
@@ -28,9 +28,9 @@ def trained_network(info: ModelInfo, state: Mapping[str, Tensor]) -> tuple[nn.Mo
         return network, Recipe(**info.recipe)
     except (TypeError, ValueError, RuntimeError) as error:
         raise CheckpointError(
-            f"{info.path.name} does not describe a network of this version.",
+            f"{info.path.name} does not match any network of this version.",
             code="bad_checkpoint",
-            hint="Update pcdnf, or convert the weights again with the version that is installed.",
+            hint="Update pcdnf, or convert the weights again with the installed version.",
         ) from error
 
 

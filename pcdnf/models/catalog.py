@@ -105,7 +105,7 @@ def unreadable(path: Path) -> CheckpointError:
     return CheckpointError(
         f"{path.name} is not a checkpoint of this package.",
         code="bad_checkpoint",
-        hint="Released .pth files are converted with: pcdnf import-weights release.pth -o out.safetensors",
+        hint="Convert the authors' .pth files with: pcdnf import-weights release.pth -o out.safetensors",
     )
 
 
@@ -120,7 +120,7 @@ def model_info(path: Path, digest: str, metadata: Mapping[str, str]) -> ModelInf
     try:
         if json.loads(metadata["format"]) > FORMAT:
             raise CheckpointError(
-                f"{path.name} was written by a later version.", code="later_checkpoint", hint="Update pcdnf."
+                f"{path.name} was written by a newer version of pcdnf.", code="later_checkpoint", hint="Update pcdnf."
             )
         if metadata["kind"] not in KINDS:
             raise unreadable(path)

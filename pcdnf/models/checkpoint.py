@@ -1,8 +1,8 @@
-"""Checkpoints: safetensors files whose metadata say what the weights are and how to use them.
+"""Checkpoints: safetensors files whose metadata describe the weights and their use.
 
 Metadata keys, all JSON: ``format`` (a version of this layout), ``name``, ``kind`` (which network), ``config``
 (its configuration), ``recipe`` (how patches are taken), ``training`` (facts), ``licence``, ``version``.
-The shipped ones stand in ``weights/index.json`` with their SHA-256, which is checked on every load.
+``weights/index.json`` lists the shipped models with their SHA-256, which is checked on every load.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def save_checkpoint(
     training: Mapping[str, Any],
     licence: str,
 ) -> None:
-    """Write weights and metadata in one piece: a reader never sees half a file.
+    """Write weights and metadata atomically: a reader never sees an incomplete file.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def save_checkpoint(
         raise CheckpointError(
             f"{os.fspath(path)} cannot be written.",
             code="unwritable_file",
-            hint="Check its name, its folder's permissions and the space left.",
+            hint="Check the name, the folder's permissions and the free disk space.",
         ) from error
     finally:
         with suppress(OSError):
@@ -71,13 +71,13 @@ def load_checkpoint(name_or_path: str | os.PathLike[str]) -> tuple[ModelInfo, di
     Raises
     ------
     CheckpointError
-        Unknown name, missing or damaged file, a hash other than the pinned one, or a later format.
+        Unknown name, missing or damaged file, a hash that differs from the pinned one, or a newer format.
     """
     path, pinned = find_model(os.fspath(name_or_path))
     digest = file_sha256(path)
     if pinned is not None and digest != pinned:
         raise CheckpointError(
-            f"The weights of {name_or_path} have been altered: their SHA-256 is not the one shipped.",
+            f"The weights of {name_or_path} have been modified: their SHA-256 differs from the shipped one.",
             code="weights_altered",
             hint="Reinstall the package.",
         )

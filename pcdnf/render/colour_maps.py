@@ -1,4 +1,4 @@
-"""Values of points as colours that everybody can tell apart, and the legend that says which is which."""
+"""Values of points as colours that colour-blind readers can tell apart, and their legend."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _COLOURS = np.array([
 
 @dataclass(frozen=True)
 class ColourScale:
-    """What the colours mean: 0 to ``top``, in the unit of the file.
+    """The values that the colours stand for: 0 to ``top``, in the unit of the file.
 
     Attributes
     ----------
@@ -76,9 +76,9 @@ def displacement(before: PointCloud, after: PointCloud) -> Floats:
     """
     if len(before) != len(after):
         raise PcdnfError(
-            f"The clouds have {len(before):,} and {len(after):,} points, so nobody knows which point went where.",
+            f"The clouds have {len(before):,} and {len(after):,} points, so their points cannot be matched.",
             code="different_clouds",
-            hint="Give the clean cloud with --clean to see the error, or leave the map out with --map none.",
+            hint="Name the clean cloud with --clean to see the error, or omit the map with --map none.",
         )
     moved: Floats = np.linalg.norm(after.points.astype(np.float64) - before.points.astype(np.float64), axis=1)
     return moved
@@ -92,8 +92,8 @@ def error(cloud: PointCloud, clean: PointCloud) -> Floats:
 
 
 def described(values: Floats) -> str:
-    """Mean, 95 per cent and largest, for a caption."""
-    return f"mean {values.mean():.3g}, 95 % under {np.percentile(values, 95):.3g}, largest {values.max():.3g}"
+    """Describe values by mean, 95th percentile and maximum, for a caption."""
+    return f"mean {values.mean():.3g}, 95 % below {np.percentile(values, 95):.3g}, maximum {values.max():.3g}"
 
 
 def draw_legend(

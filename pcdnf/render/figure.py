@@ -1,4 +1,4 @@
-"""The command ``pcdnf render``: clouds before and after, and a map of displacement or error, as a PNG."""
+"""A picture of one or two clouds with a map of displacement or error, as ``pcdnf render`` draws it."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def draw(
     Raises
     ------
     PcdnfError
-        Where the map cannot be made of these clouds, or the PNG cannot be written.
+        If the map cannot be made of these clouds, or the PNG cannot be written.
     """
     from .panels import Panel, render_panels
 
     labels = labels or (["Before", "After"] if len(clouds) == 2 else ["Cloud"])
     if len(labels) != len(clouds):
         raise PcdnfError(
-            f"{len(labels)} labels do not fit {len(clouds)} clouds.", code="usage", hint="Give one for each cloud."
+            f"There are {len(labels)} labels for {len(clouds)} clouds.", code="usage", hint="Give one label per cloud."
         )
     panels = [Panel(cloud, label, f"{len(cloud):,} points") for cloud, label in zip(clouds, labels, strict=True)]
     panels += _maps(clouds, clean, kind, labels, unit)
@@ -62,7 +62,7 @@ def draw(
         raise PcdnfError(
             f"{path} cannot be written: {error.strerror or type(error).__name__}.",
             code="unwritable_file",
-            hint="Check its folder's permissions and the space left.",
+            hint="Check the folder's permissions and the free disk space.",
         ) from error
 
 
@@ -79,12 +79,14 @@ def _maps(clouds: list[PointCloud], clean: PointCloud | None, kind: str, labels:
     of = unit or "the file's unit"
     if kind == "displacement":
         if not pair:
-            raise PcdnfError("Displacement is between two clouds.", code="usage", hint="Name the denoised one as well.")
+            raise PcdnfError(
+                "A map of the displacement needs two clouds.", code="usage", hint="Name the denoised one too."
+            )
         values = [displacement(*clouds)]
-        names, legend, shown = ["Displacement"], f"moved by, in {of}", clouds[1:]
+        names, legend, shown = ["Displacement"], f"displacement, in {of}", clouds[1:]
     else:
         if clean is None:
-            raise PcdnfError("The error is to a clean cloud.", code="usage", hint="Name it with --clean.")
+            raise PcdnfError("A map of the error needs the clean cloud.", code="usage", hint="Name it with --clean.")
         values = [error(cloud, clean) for cloud in clouds]
         names, legend, shown = (
             [f"{label}: error" for label in labels],

@@ -72,9 +72,9 @@ class TrainingRun:
             self._average.load_state_dict(_part(tensors, "average."))
         except RuntimeError as error:
             raise PcdnfError(
-                f"{self.folder} holds the training of another network.",
+                f"{self.folder} contains the training of another network.",
                 code="other_training",
-                hint="Go on with the --kind it was begun with, or train in another folder.",
+                hint="Use the --kind that it was started with, or another folder.",
             ) from error
         for name, parameter in self._network.named_parameters():
             self._optimizer.state[parameter] = {

@@ -116,7 +116,7 @@ def test_fast_is_told_and_refused_where_it_was_not_trained(lite: Denoiser) -> No
     noisy, _, _ = box(600, 0.01)
     assert lite.denoise(noisy, iterations=1, fast=True).metadata["fast"] == "128 neighbours"
     assert "fast" not in lite.denoise(noisy, iterations=1).metadata
-    with pytest.raises(ChoiceError, match="no fast form"):
+    with pytest.raises(ChoiceError, match="no fast mode"):
         Denoiser.load("pcdnf", device="cpu").denoise(noisy, fast=True)
 
 
@@ -177,14 +177,14 @@ def test_too_few_points_and_other_bad_clouds(lite: Denoiser) -> None:
     with pytest.raises(CloudError, match=f"needs at least {fewest}") as caught:
         lite.denoise(cloud[:-1])
     assert caught.value.code == "too_few_points"
-    with pytest.raises(CloudError, match="All points of the cloud are equal"):
+    with pytest.raises(CloudError, match="All points of the cloud are identical"):
         lite.denoise(np.ones((100, 3)))
 
 
 @pytest.mark.parametrize("shape", [(0,), (90,), (90, 2), (90, 4), (3, 90), (9, 90, 3)])
 def test_points_of_other_shapes(lite: Denoiser, shape: tuple[int, ...]) -> None:
     for work in (lite.denoise, lite.plan, lite.prepare):
-        with pytest.raises(CloudError, match="Points are an array") as caught:
+        with pytest.raises(CloudError, match="Points must be an array") as caught:
             work(np.zeros(shape))
         assert caught.value.code == "bad_shape"
 

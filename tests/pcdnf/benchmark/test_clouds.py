@@ -43,11 +43,11 @@ def test_a_noisy_version_beside_a_cloud_is_taken(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_used_is_said(tmp_path: Path) -> None:
-    with pytest.raises(PcdnfError, match="holds no clean cloud"):
+    with pytest.raises(PcdnfError, match="contains no clean cloud"):
         read_clouds([tmp_path])
     np.save(tmp_path / "a.npy", POINTS)
     np.save(tmp_path / "a_noise0.5.npy", POINTS[:9])
-    with pytest.raises(PcdnfError, match=r"9 points and a\.npy 50") as raised:
+    with pytest.raises(PcdnfError, match=r"9 points, but a\.npy has 50") as raised:
         read_clouds([tmp_path])
     assert raised.value.hint
     (tmp_path / "a_noise0.5.npy").unlink()

@@ -86,7 +86,7 @@ def test_a_second_run_computes_nothing_and_writes_the_same(folder: Path, capsys:
 def test_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     out = ["-o", str(tmp_path / "out")]
     assert main(["benchmark", str(tmp_path), *out]) == REFUSED
-    assert "holds no clean cloud" in capsys.readouterr().err
+    assert "contains no clean cloud" in capsys.readouterr().err
     assert main(["benchmark", *out, "--noise", "salt"]) == REFUSED
     assert "'salt'" in capsys.readouterr().err
     for wrong in (["--levels", "-1"], ["--iterations", "0"], ["--iterations", "some"]):

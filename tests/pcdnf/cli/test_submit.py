@@ -100,8 +100,8 @@ def test_warnings_are_passed_on(url: str, tmp_path: Path, capsys: pytest.Capture
         (["a.ply", "-o", "sub"], "is a folder"),
         (["a.ply", "sub/a.ply", "--out-folder", "out"], "same result"),
         (["a.ply", "--out-folder", "a.ply/out"], "cannot be made"),
-        (["--out-folder", "out"], "nothing to do"),
-        (["--detach", "--resume", "0"], "Leave one of them out"),
+        (["--out-folder", "out"], "No files were given"),
+        (["--detach", "--resume", "0"], "cannot be combined"),
         (["a.ply", "-o", "out.ply", "--url", "nowhere"], "http"),
         (["a.ply", "-o", "out.ply", "--key-file", "none"], "cannot be read"),
         (["a.ply", "-o", "out.ply", "--key-file", "empty"], "is empty"),
@@ -139,7 +139,7 @@ def test_a_busy_service_is_waited_for_aloud(proxy: Proxy, cloud: Path, capsys: p
     proxy.faults = [busy(429, "1")]
     assert run("submit", cloud, "--detach", "--url", proxy.address, "--iterations", "1") == 0
     captured = capsys.readouterr()
-    assert "Busy. Trying again in 1 s." in captured.err
+    assert "Busy. Retrying in 1 s." in captured.err
     assert re.fullmatch("[0-9a-f]{32}\n", captured.out)
 
 
@@ -218,7 +218,7 @@ def test_ctrl_c_without_a_terminal_leaves_the_job_and_says_how_to_go_on(url: str
     out, err = process.communicate(timeout=30)
     assert process.returncode == 130
     job_id = only_new(url, before)
-    assert f"Go on with: pcdnf submit --resume {job_id} -o {tmp_path / 'out.ply'} --url {url}" in err
+    assert f"Continue with: pcdnf submit --resume {job_id} -o {tmp_path / 'out.ply'} --url {url}" in err
     assert json.loads(out)["job"] == job_id
     assert json.loads(out)["state"] in ("queued", "running")
     assert not (tmp_path / "out.ply").exists()

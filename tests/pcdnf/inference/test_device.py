@@ -11,7 +11,7 @@ def test_auto_takes_a_gpu_where_there_is_one() -> None:
 
 @pytest.mark.parametrize("name", ["tpu", "cuda:x", "cuda0", ""])
 def test_unknown_devices_are_refused(name: str) -> None:
-    with pytest.raises(DeviceError, match="no device called"):
+    with pytest.raises(DeviceError, match="no device named"):
         choose_device(name)
 
 
@@ -25,5 +25,5 @@ def test_precision() -> None:
     native = has_native_bfloat16("cpu")
     assert choose_precision("auto", device="cpu") == ("bfloat16" if native else "float32")
     assert choose_precision("bfloat16", device="cpu") == "bfloat16"
-    with pytest.raises(DeviceError, match="no precision called 'fp8'"):
+    with pytest.raises(DeviceError, match="no precision named 'fp8'"):
         choose_precision("fp8", device="cpu")

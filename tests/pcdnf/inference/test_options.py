@@ -37,7 +37,7 @@ def test_radius(value: float | str, meant: tuple[float, bool] | None) -> None:
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "101%", "0%", "4 cm", "", "%"])
 def test_radius_that_cannot_be(value: str) -> None:
-    with pytest.raises(ChoiceError, match="a share of its diagonal") as caught:
+    with pytest.raises(ChoiceError, match="a percentage of its diagonal") as caught:
         check_radius(value)
     assert caught.value.code == "invalid_radius"
 
@@ -46,7 +46,7 @@ def test_fast_is_for_networks_that_were_trained_with_fewer_neighbours() -> None:
     assert check_fast(True, "lite") == FAST_NEIGHBOURS["lite"]
     assert check_fast(False, "lite") is None
     assert check_fast(False, "pcdnf") is None
-    with pytest.raises(ChoiceError, match="no fast form") as caught:
+    with pytest.raises(ChoiceError, match="no fast mode") as caught:
         check_fast(True, "pcdnf")
     assert caught.value.code == "no_fast_form"
 

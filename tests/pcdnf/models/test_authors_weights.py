@@ -88,9 +88,7 @@ def test_missing_tensor() -> None:
 def test_tensor_of_another_shape() -> None:
     tensors = random_release()
     tensors["mlp1.conv.0.weight"] = tensors["mlp1.conv.0.weight"][:, :256]
-    with pytest.raises(
-        PcdnfError, match=r"shape \(512, 256, 1\) where the released network has \(512, 384\)"
-    ) as caught:
+    with pytest.raises(PcdnfError, match=r"shape \(512, 256, 1\); the released network has \(512, 384\)") as caught:
         convert_release(tensors)
     assert caught.value.code == "release_tensor_shape"
 

@@ -36,7 +36,7 @@ def test_a_checkpoint_of_its_own_loads(tmp_path: Path) -> None:
     ids=["config", "recipe", "kind", "tensor"],
 )
 def test_facts_and_weights_of_no_network_are_refused(tmp_path: Path, facts: dict[str, Any]) -> None:
-    with pytest.raises(CheckpointError, match=r"m\.safetensors does not describe a network") as caught:
+    with pytest.raises(CheckpointError, match=r"m\.safetensors does not match any network") as caught:
         Denoiser.load(changed(tmp_path / "m.safetensors", **facts), device="cpu")
     assert caught.value.code == "bad_checkpoint"
     assert caught.value.hint
@@ -49,5 +49,5 @@ def test_weights_of_another_shape_are_refused(tmp_path: Path) -> None:
         key: getattr(info, key) for key in ("name", "kind", "config", "recipe", "training", "licence")
     }
     save_checkpoint(tmp_path / "m", state | {name: torch.zeros(1)}, **facts)
-    with pytest.raises(CheckpointError, match="does not describe"):
+    with pytest.raises(CheckpointError, match="does not match"):
         Denoiser.load(tmp_path / "m", device="cpu")

@@ -62,4 +62,4 @@ def test_the_legend_shows_the_colours_from_0_to_the_top() -> None:
 
 
 def test_a_caption_has_three_numbers() -> None:
-    assert described(np.linspace(0, 1, 101)) == "mean 0.5, 95 % under 0.95, largest 1"
+    assert described(np.linspace(0, 1, 101)) == "mean 0.5, 95 % below 0.95, maximum 1"

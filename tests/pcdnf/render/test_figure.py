@@ -94,9 +94,9 @@ def test_clouds_of_other_sizes_have_no_displacement(
     output = ["-o", str(tmp_path / "x.png")]
     for arguments, message in (
         ([files["before"], files["few"], "--map", "displacement"], "4,000 and 50 points"),
-        ([files["before"], "--map", "displacement"], "between two clouds"),
+        ([files["before"], "--map", "displacement"], "needs two clouds"),
         ([files["before"], "--map", "error"], "--clean"),
-        ([files["before"], "--labels", "a", "b"], "2 labels do not fit 1"),
+        ([files["before"], "--labels", "a", "b"], "2 labels for 1"),
         ([str(tmp_path / "none.ply")], "cannot be read"),
         ([files["before"], "-o", str(tmp_path / "no" / "x.png")], "folder does not exist"),
     ):

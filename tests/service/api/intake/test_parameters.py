@@ -68,4 +68,4 @@ def test_the_fast_form_is_told_and_refused_to_a_model_without(running: Service, 
     )
     assert answer.status_code == 422
     assert answer.json()["code"] == "invalid_parameters"
-    assert "no fast form" in answer.json()["detail"]
+    assert "no fast mode" in answer.json()["detail"]

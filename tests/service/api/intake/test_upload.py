@@ -129,10 +129,10 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
     ("query", "words"),
     [
         ("iteration=2", "iteration: there is no such parameter."),
-        ("iterations=0", "iterations: Iterations are given as auto or a whole number from 1 to 100, not '0'."),
+        ("iterations=0", "iterations: Iterations must be auto or a whole number from 1 to 100, not '0'."),
         ("iterations=" + "1" * 5000, f"100, not '{'1' * 40}'."),
         ("iterations=x", "not 'x'"),
-        ("radius=-1", "radius: A radius is given as auto, a length in the cloud's unit, or a share"),
+        ("radius=-1", "radius: The radius must be auto, a length in the cloud's unit, or a percentage"),
         ("radius=200%25", "not '200%'"),
         ("orient=maybe", "orient"),
         ("outliers=some", "'keep' or 'drop'"),
