@@ -4,6 +4,5 @@ clouds.py     clean clouds from files or made by code      noise.py      what is
 methods.py    the noisy input, our models                  peers.py      CGAL and Open3D, the extra ``peers``
 runs.py       the runs themselves, resumable               intervals.py  is a difference more than chance?
 tables.py     CSV and Markdown                             pictures.py   errors in colour, curves
-published.py  figures measured elsewhere                   report.py     all that is written of the runs
-command.py    the command line
+published.py  figures measured elsewhere                   report.py     everything that is written about the runs
 """

@@ -1,7 +1,7 @@
-"""Is one method nearer to the surface than another, or is that chance? A bootstrap of paired differences.
+"""Confidence intervals of the difference between two methods: a bootstrap of paired differences.
 
-Errors of neighbouring points hang together, so not points are drawn but cells of the clean cloud's grid, each with all
-its points; drawing points alone would make the interval several times too narrow.
+Errors of neighbouring points are correlated. The bootstrap therefore draws cells of the clean cloud's grid, each with
+all its points; drawing single points would make the interval several times too narrow.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is compared: the noisy input as it is, our models after any number of passes, and :mod:`.peers`."""
+"""Methods that are compared: the noisy input, our models after any number of passes, and :mod:`.peers`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Iterations = int | Literal["auto"]
 
 @dataclass(frozen=True)
 class Output:
-    """What a method makes of a noisy cloud.
+    """Result of a method for a noisy cloud.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Output:
         In the order of the input where M is its number of points.
     normals : (M, 3) float array
     facts : dict
-        What else is worth writing down, such as the passes that ``auto`` chose.
+        Further facts for the report, such as the passes that ``auto`` chose.
     """
 
     points: NDArray[np.float64]
@@ -67,7 +67,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class Noisy:
-    """The input as it is, with the raw normals that our models start from."""
+    """The input as it is, with the initial normals that our models start from."""
 
     name: str = "noisy"
     group: Group = "input"

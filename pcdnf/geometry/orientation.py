@@ -22,9 +22,9 @@ def orient_normals(
 ) -> NDArray[np.floating]:
     """Turn normals to one side of each connected piece of the surface.
 
-    A minimum spanning tree joins neighbours, the more parallel their normals the sooner; the side is passed along it.
-    Each piece then looks outwards (its outermost point away from the centre of the piece), or agrees with ``like``
-    on the whole.
+    A minimum spanning tree joins neighbours with parallel normals first, and the side is propagated along it.
+    Each piece then faces outwards (its outermost point away from the centre of the piece), or agrees with the majority
+    of ``like``.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def orient_normals(
     normals : ndarray, (N, 3) float
         Unit length.
     like : ndarray, (N, 3) float, optional
-        Normals whose side most of the result's shall have; a row that is not finite has no say.
+        Normals whose side the majority of the result takes; rows that are not finite are ignored.
     neighbours : int
         Of each point.
 

@@ -38,7 +38,7 @@ class DenoiseResult:
     flagged : ndarray, (N,) bool
         Points without enough neighbours, returned as they came.
     metadata : dict of str
-        Model, weights' hash, device, precision, seed, raw normals, iterations, radius, version: enough to repeat
+        Model, weights' hash, device, precision, seed, initial normals, iterations, radius, version: enough to repeat
         the run.
     """
 

@@ -1,9 +1,9 @@
-"""What the paper's network is made of: layers over the points of a patch, and EdgeConv without its edges (DGCNN).
+"""Layers of the paper's network: over the points of a patch, and EdgeConv (DGCNN) without building its edges.
 
 With ``W [x_j - x_i ; x_i] = W1 x_j + (W2 - W1) x_i`` an EdgeConv is two linear layers on the points and one gather-max;
-``neighbour`` is W1, ``centre`` is W2 - W1. BatchNorm and LeakyReLU stand behind the maximum. In inference that equals
-the usual order wherever the BatchNorm scale is positive (``authors_weights`` flips the signs of channels where it is
-not); in training the batch statistics are those of the maxima, not of all edges.
+``neighbour`` is W1, ``centre`` is W2 - W1. BatchNorm and LeakyReLU follow the maximum. In inference that equals
+the usual order if the BatchNorm scale is positive; ``authors_weights`` flips the signs of the other channels. In
+training the batch statistics are those of the maxima, not of all edges.
 """
 
 from __future__ import annotations

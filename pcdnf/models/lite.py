@@ -1,13 +1,13 @@
-"""The light network: a selector alone, and a weighted quadric fit as decoder.
+"""The light network: a selector, and a weighted quadric fit as decoder.
 
 It keeps the paper's idea (a shape-aware selector, section 3.2.2, decides which neighbours share the centre's
 surface; points and normals are solved jointly) and leaves the rest to least squares. A first score of each neighbour
-gives a first fit (:func:`.quadric.fit_quadric`); what is left of each neighbour above it, with its normal against
-the fit's, gives the final score, and a second one for how far its normal may steer the slope. The pooled context
-adds small corrections. 44 thousand parameters.
+gives a first fit (:func:`.quadric.fit_quadric`). Each neighbour's height above that fit, and the angle between the
+normals, give the final score and a second score: how far the neighbour's normal may steer the slope. The pooled
+context adds small corrections. The network has 44 thousand parameters.
 
-Input are a patch's points and raw normals (B, M, 3) in its PCA frame, in patch radii, the centre first; a point
-at the origin other than the first is padding. M is free: trained on 96 to 256.
+The inputs are a patch's points and initial normals (B, M, 3) in its PCA frame, in patch radii, the centre first; a
+point at the origin other than the first is padding. M is free; the training used 96 to 256.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SLOPE = 0.2
 LEAST = 1e-6
 """Least weight of a neighbour."""
 STEER = 3.0
-"""Taken off the score of a normal's weight: at first normals steer the slope little."""
+"""Subtracted from the score of a normal's weight: at the start of a training, normals steer the slope little."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class LiteConfig:
 
 @dataclass(frozen=True)
 class LiteOutput:
-    """What the light network says of a patch's centre.
+    """Prediction of the light network for a patch's centre.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class PCDNFLite(nn.Module):
         self.register_buffer("ridge", torch.tensor(RIDGE), persistent=False)
 
     def forward(self, points: Tensor, normals: Tensor) -> LiteOutput:
-        """Points and raw normals (B, M, 3) of patches to displacement, normal and weights."""
+        """Points and initial normals (B, M, 3) of patches to displacement, normal and weights."""
         mask = real_points(points)[..., None]  # (B, M, 1)
         features = torch.cat(
             [

@@ -9,8 +9,8 @@ Deviations, each of them deliberate:
 
 * An EdgeConv never builds its edges, see :mod:`pcdnf.models.layers`.
 * ``anchor`` (ours): the selector's scores also weigh a least-squares quadric fit of the patch, whose value
-  and slope at the origin are the first guess of displacement and normal; the decoders predict what is left.
-  The patch must stand in its PCA frame, least variance along z. The losses then reach the selector directly,
+  and slope at the origin are the first guess of displacement and normal; the decoders predict the remainder.
+  The patch must be in its PCA frame, least variance along z. The losses then reach the selector directly,
   as remark 1 of the paper wishes. A first fit, with scores from the coarse features, tells the selector how
   far each point lies from the surface; a second score says how far a point's normal may steer the slope.
 * ``release_transpose``: a quirk of the released code, needed for its weights alone (``FeatureRefinement``).
@@ -39,7 +39,7 @@ class Patch(NamedTuple):
 
 
 class NetworkOutput(NamedTuple):
-    """What PCDNF says of a batch of patches; a branch that is switched off leaves its input as it was."""
+    """Prediction of PCDNF for a batch of patches; a branch that is switched off returns its input."""
 
     displacement: Tensor  # (B, 3) from the noisy to the denoised centre, patch frame, in radii
     normal: Tensor  # (B, 3) of the centre, patch frame, not normalised
@@ -72,7 +72,7 @@ class MultiscaleFeatureExtractor(nn.Module):
 
 
 class Selection(NamedTuple):
-    """What the selector says of every point."""
+    """Scores of the selector for every point."""
 
     weight: Tensor  # (B, M) similarity to the centre, 0 to 1
     steer: Tensor | None  # (B, M) weight of the normal in the anchor's fit, relative to the point's

@@ -17,7 +17,7 @@ from .detail import LENS, MARGIN, find_detail, paste_detail
 from .drawable import Drawable
 
 MAP_SHADING = 0.35
-"""Enough to see the shape, little enough to compare the colours with the legend."""
+"""Shading of maps: enough to show the shape, weak enough to compare colours with the legend."""
 DEFAULT_SIZES = {1: (1000, 900), 2: (1600, 900), 3: (2250, 900), 4: (1600, 1500)}
 """Pixels, by the number of panels."""
 

@@ -1,8 +1,8 @@
-"""The network for inference: BatchNorm folded into the linear layers, no edges, no copies that can be spared.
+"""The network for inference: BatchNorm folded into the linear layers, no edges, no unnecessary copies.
 
-``fold`` makes it from a trained ``PCDNF``. On a CPU a batch is worked off in small chunks whose features stay in the
-caches; each linear layer is one oneDNN product with weights packed beforehand, bias and activation included; what
-stands between the products is ``kernels.pcdnf``. A maximum over points commutes with a monotone activation and with
+``fold`` makes it from a trained ``PCDNF``. On a CPU a batch is processed in small chunks whose features stay in the
+caches. Each linear layer is one oneDNN product with packed weights, bias and activation included; ``kernels.pcdnf``
+holds the steps between the products. A maximum over points commutes with a monotone activation and with
 anything that is the same for the whole patch, so bias, global feature and activation come after it.
 
 In bfloat16 features and weights are bfloat16; geometry, distances, scores and the fit stay float32.
@@ -167,7 +167,7 @@ class _Head:
 
 
 class FoldedPCDNF(nn.Module):
-    """A whole PCDNF on the CPU, for inference alone; made by ``fold``, called like the network it was made from."""
+    """A whole PCDNF on the CPU, for inference only; made by ``fold`` and called like its network."""
 
     def __init__(self, network: PCDNF, dtype: torch.dtype) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The layers that a folded network is made of: linear layers with BatchNorm inside, EdgeConvs, neighbour graphs.
+"""Layers of a folded network: linear layers with BatchNorm folded in, EdgeConvs, neighbour graphs.
 
 Everything here runs on the CPU and in inference. ``torch.ops.mkldnn`` is what torch's own compiler calls for a linear
 layer with an activation. It is private to torch, and a processor may lack the instructions for a type, so
@@ -22,7 +22,7 @@ from .kernels import pcdnf as pcdnf_kernels
 Part = TypeVar("Part", bound=nn.Module)
 
 TOGETHER = 2
-"""Patches whose inner products are made at a time in bfloat16; in float32 oneDNN is faster with one."""
+"""Patches per batch of inner products in bfloat16; in float32 oneDNN is faster with single patches."""
 PACKED_ROWS = 4096
 """Rows of the inputs that packed weights are laid out for; any number works."""
 

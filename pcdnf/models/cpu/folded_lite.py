@@ -1,8 +1,8 @@
-"""The light network for inference on a CPU: the same arithmetic without what is written down in between.
+"""The light network for inference on a CPU: the same arithmetic without intermediate results in memory.
 
-Chunks of patches are worked off on threads of their own; each linear layer between neighbours' features is one oneDNN
-product with weights packed beforehand, what stands between the products is ``kernels.lite``. The first layer, whose
-eleven inputs are made on the way, and the last, which has two outputs, are part of those kernels. In bfloat16 features
+Separate threads process chunks of patches. Each linear layer between neighbours' features is one oneDNN product with
+packed weights; ``kernels.lite`` holds the steps between the products, with the first layer, whose eleven inputs are
+computed there, and the last one, which has two outputs. In bfloat16 features
 and the weights of the products are bfloat16; context, scores, residuals and fits stay in float32 or better.
 """
 
@@ -38,7 +38,7 @@ class _Block:
 
 
 class FoldedLite(nn.Module):
-    """A ``PCDNFLite`` on the CPU, for inference alone; called like the network it was made from.
+    """A ``PCDNFLite`` on the CPU, for inference only; called like its network.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class FoldedLite(nn.Module):
 
     @torch.inference_mode()
     def forward(self, points: Tensor, normals: Tensor) -> LiteOutput:
-        """As ``PCDNFLite.forward``: points, raw normals (B, M, 3) -> LiteOutput."""
+        """As ``PCDNFLite.forward``: points, initial normals (B, M, 3) -> LiteOutput."""
         points, normals = points.float().contiguous(), normals.float().contiguous()
         with torch.autocast("cpu", enabled=False):
             chunks = in_parallel(

@@ -1,7 +1,7 @@
-"""Chunks of work on threads of their own, each with single-threaded torch and Numba inside.
+"""Chunks of work on separate threads, each with single-threaded torch and Numba.
 
-Threads that never wait for one another keep their pace on a machine that others use too: with the usual parallel
-loops inside every operation, each of hundreds of operations a batch waits for whichever thread was interrupted.
+Threads that do not wait for each other stay fast on a machine that runs other programs too. With parallel loops inside
+every operation, each of the hundreds of operations per batch would wait for the thread that was interrupted.
 """
 
 from __future__ import annotations

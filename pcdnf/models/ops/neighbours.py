@@ -1,8 +1,8 @@
-"""Neighbour graphs inside patches and the reductions over them: the one place where CPU and CUDA part.
+"""Neighbour graphs inside patches and the reductions over them: the only place where CPU and CUDA differ.
 
 ``knn``, ``gather_max`` and ``gather_mean`` run Numba kernels on the CPU, on CUDA the first two Triton kernels where
-there is Triton, and plain torch elsewhere; the plain forms (``knn_plain`` and so on) run on any device and are what
-the tests hold the kernels to. All give the same graph: a point is its own first neighbour, the others follow by
+there is Triton, and plain torch elsewhere; the plain forms (``knn_plain`` and so on) run on any device, and the
+tests compare the kernels with them. All give the same graph: a point is its own first neighbour, the others follow by
 distance, of equal distances the lower index first; so the graph of k neighbours is the prefix of any larger one. In
 three dimensions distances come from differences, in feature space from inner products. All of it is float32, whatever
 autocast says.

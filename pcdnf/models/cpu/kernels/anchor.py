@@ -1,7 +1,7 @@
 # mypy: disallow-untyped-decorators=False
 """Numba kernel of the folded network's geometric anchor: what the selector learns from a first fit.
 
-It works through its patches one after the other on one thread; chunks of patches run beside each other. Features are
+It processes patches one after another on one thread; chunks of patches run in parallel. Features are
 float32, or bfloat16 seen as uint16. Shapes: B patches, M points, C channels.
 """
 

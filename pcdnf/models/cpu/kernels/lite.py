@@ -1,7 +1,7 @@
 # mypy: disallow-untyped-decorators=False
-"""Numba kernels of the folded light network: what stands between its matrix products.
+"""Numba kernels of the folded light network: the steps between its matrix products.
 
-Each works through its patches one after the other on one thread; chunks of patches run beside each other. Feature
+Each processes patches one after another on one thread; chunks of patches run in parallel. Feature
 arrays are float32, or bfloat16 seen as uint16; features are computed in float32, the fit in float64. Shapes: B patches,
 M neighbours, C channels.
 """

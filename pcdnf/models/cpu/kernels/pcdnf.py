@@ -1,5 +1,5 @@
 # mypy: disallow-untyped-decorators=False
-"""Numba kernels of the folded network: what stands between its matrix products, in one pass each.
+"""Numba kernels of the folded network: the steps between its matrix products, each in one loop.
 
 Feature arrays are float32, or bfloat16 seen as uint16; all arithmetic is float32. Shapes: B patches, M points,
 K selected points, k neighbours, C channels.

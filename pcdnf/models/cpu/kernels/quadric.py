@@ -1,5 +1,5 @@
 # mypy: disallow-untyped-decorators=False
-"""Numba kernels of the weighted quadric fit , one patch at a time and nothing written down in between.
+"""Numba kernels of the weighted quadric fit, one patch at a time, without intermediate results in memory.
 
 The normal equations of a quadric hold 15 different moments of x and y; they are summed, and the 6 x 6 system solved, in
 float64. Shapes: M neighbours.
