@@ -91,8 +91,8 @@ def add_denoise(subparsers: Subparsers) -> None:
         "--coordinates",
         default="keep",
         choices=["keep", "float32", "float64"],
-        help="type of the result's coordinates; float32 coordinates far from the origin are shifted by an offset, which "
-        "is recorded (default: keep)",
+        help="type of the result's coordinates; float32 coordinates far from the origin are shifted by a recorded "
+        "offset (default: keep)",
     )
     parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="seed of all random choices (default: 0)")
     parser.add_argument(
