@@ -156,7 +156,9 @@ def _pcl(path: Path) -> Found:
         if path.suffix == ".ply":
             command = ["pcl_ply2pcd", str(path), str(out)]
         subprocess.run(command, capture_output=True, check=True)
-        return _binary_pcd(out.read_bytes())
+        plain = Path(name) / "plain.pcd"
+        subprocess.run(["pcl_convert_pcd_ascii_binary", str(out), str(plain), "1"], capture_output=True, check=True)
+        return _binary_pcd(plain.read_bytes())
 
 
 def _binary_pcd(data: bytes) -> Found:

@@ -11,7 +11,8 @@ from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, write
 
 KINDS = (
     "ply-ascii", "ply-binary_little_endian", "ply-binary_big_endian", "npz-stored", "npz-deflated", "pcd-ascii",
-    "pcd-binary", "pcd-binary_compressed", "xyz", "csv", "pts", "las", "laz", "e57",
+    "pcd-binary", "pcd-binary_compressed", "xyz", "csv", "pts", "ptx", "las", "laz", "laz-copc", "e57", "npz-array",
+    "ply-lists",
 )  # fmt: skip
 POINTS = 9
 
@@ -21,7 +22,7 @@ def seed(kind: str, folder: Path) -> bytes:
     rng = np.random.default_rng(0)
     format_, _, detail = kind.partition("-")
     flavours = {
-        "ply": PlyFlavour(detail),
+        "ply": PlyFlavour("ascii" if detail == "lists" else detail),
         "npz": NpzFlavour(compressed=detail == "deflated"),
         "pcd": PcdFlavour(detail),
     }
@@ -36,8 +37,24 @@ def seed(kind: str, folder: Path) -> bytes:
         metadata={"device": "cpu"},
         flavour=flavours.get(format_, PlyFlavour()),
     )
-    write(folder / "seed", cloud, format=format_)
-    return (folder / "seed").read_bytes()
+    if kind == "npz-array":
+        np.save(folder / "seed.npy", np.array([tuple(row) for row in cloud.points], [(axis, "f4") for axis in "xyz"]))
+        return (folder / "seed.npy").read_bytes()
+    if kind == "ply-lists":
+        return _with_lists(cloud)
+    name = "seed.copc.laz" if kind == "laz-copc" else "seed"
+    write(folder / name, cloud, format=format_)
+    return (folder / name).read_bytes()
+
+
+def _with_lists(cloud: PointCloud) -> bytes:
+    """A PLY whose vertices have lists, and with faces."""
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {POINTS}\nproperty float x\nproperty float y\n"
+    head += (
+        "property float z\nproperty list uchar ushort seen\nelement face 2\nproperty list uchar int at\nend_header\n"
+    )
+    rows = [struct.pack(f"<3fB{row % 4}H", *point, row % 4, *range(row % 4)) for row, point in enumerate(cloud.points)]
+    return head.encode() + b"".join(rows) + struct.pack("<B3iB3i", 3, 0, 1, 2, 3, 2, 3, 4)
 
 
 def mutant(data: bytes, rng: np.random.Generator) -> bytes:
