@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from .e57.facts import Fact
 from .e57.header import Scan
 from .las.grid import Grid
 from .las.header import Record
@@ -113,6 +114,8 @@ class XyzFlavour:
     newline : str
     counted : bool
         Whether the first line is the number of points.
+    named : bool
+        Whether the file named its columns, so that readers do not go by their places.
     """
 
     format: TextFormat = "xyz"
@@ -123,6 +126,7 @@ class XyzFlavour:
     comment: str = "#"
     newline: str = "\n"
     counted: bool = False
+    named: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,9 +202,12 @@ class E57Flavour:
         As the file spells it, WKT for instance.
     brightest : float or None
         The highest limit of colours, where the file has one.
+    facts : tuple of Fact
+        What else the file says of itself, such as when it was made.
     """
 
     scans: tuple[Scan, ...] = ()
     coordinate_system: str = ""
     brightest: float | None = None
+    facts: tuple[Fact, ...] = ()
     format: Literal["e57"] = "e57"

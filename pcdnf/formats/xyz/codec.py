@@ -176,6 +176,7 @@ def _cloud(layout: Layout, columns: dict[str, NDArray[Any]]) -> PointCloud:
             comment=_comment_mark(layout),
             newline=layout.newline,
             counted=layout.count is not None,
+            named=bool(layout.names),
         ),
         warnings=warnings,
     )
@@ -259,7 +260,7 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
     channels = dict(zip(colours.names, CHANNELS, strict=True)) if colours and colours.is_exact(BYTE) else {}
     if colours and channels:
         columns |= dict(zip(CHANNELS, colours.scaled(BYTE).T, strict=True))
-    if cloud.normals is not None and flavour.counted:
+    if cloud.normals is not None and flavour.counted and not flavour.named:
         notes.append("PTS has no place for normals; they are not in it. PLY, LAZ and E57 have one.")
     elif cloud.normals is not None:
         columns |= {name: _shortest(cloud.normals[:, axis]) for axis, name in enumerate(flavour.normals)}

@@ -45,6 +45,15 @@ def test_normals_never_land_where_a_pts_has_colours(put: Put, tmp_path: Path) ->
         assert (tmp_path / "b.pts").read_text() == (tmp_path / "a.pts").read_text()
 
 
+def test_a_count_beside_names_is_no_pts(put: Put, tmp_path: Path) -> None:
+    path = put("a.txt", rows(..., "0.5 0 0 1", head=f"//X Y Z Rf Nx Ny Nz\n{COUNT}\n"))
+    cloud = read(path)
+    assert write(tmp_path / "b.txt", cloud.replaced(cloud.points, UP), check=True) == []
+    again = read(tmp_path / "b.txt")
+    np.testing.assert_array_equal(again.normals, UP)  # type: ignore[arg-type]
+    assert "Rf" in again.attributes
+
+
 def test_a_new_pts_has_the_columns_that_readers_expect(tmp_path: Path) -> None:
     cloud = PointCloud(
         points=POINTS,
