@@ -154,6 +154,6 @@ def _cloud(header: Header, scans: list[Scan], points: NDArray[Any], columns: dic
         normals=normals,
         attributes=attributes,
         metadata=dict(_METADATA.findall(scans[0].description)),
-        flavour=E57Flavour(tuple(scans), header.coordinate_system, header.brightest),
+        flavour=E57Flavour(tuple(scans), header.coordinate_system, header.brightest, header.facts),
         warnings=notes,
     )

@@ -28,6 +28,10 @@ _PREFIX = re.compile(r'xmlns:([A-Za-z_][\w.-]*)\s*=\s*"([^"]*)"')
 _PAGE, _PAYLOAD = 1024, 1020
 _HEADER = struct.Struct("<8sIIQQQQ")
 _OWN = ("guid", "name", "description", "pose", "points")
+_ROOT = (
+    *("formatName", "guid", "versionMajor", "versionMinor", "e57LibraryVersion", "coordinateMetadata"),
+    *("data3D", "images2D"),
+)
 _DERIVED = ("cartesianBounds", "sphericalBounds")
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -77,6 +81,8 @@ class Header:
     coordinate_system : str
     brightest : float or None
         The highest limit of colours.
+    facts : tuple of Fact
+        What else the file says of itself, such as when it was made.
     notes : list of str
         Sentences on what a result does not keep.
     """
@@ -84,6 +90,7 @@ class Header:
     scans: list[Scan]
     coordinate_system: str
     brightest: float | None
+    facts: tuple[Fact, ...]
     notes: list[str]
 
 
@@ -114,7 +121,8 @@ def read_scans(file: BinaryIO, size: int) -> Header:
     limits = [fact.number("colorRedMaximum") for scan in scans for fact in scan.facts if fact.name == "colorLimits"]
     known = [limit for limit in limits if limit is not None and limit > 0]
     system = root.findtext("./{*}coordinateMetadata") or ""
-    return Header(scans, system, max(known) if known else None, notes)
+    facts, _ = read_facts(root, _ROOT)
+    return Header(scans, system, max(known) if known else None, facts, notes)
 
 
 def _xml(file: BinaryIO, size: int) -> tuple[ElementTree.Element, dict[str, str]]:

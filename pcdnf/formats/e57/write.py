@@ -60,7 +60,7 @@ def write_e57(file: BinaryIO, cloud: PointCloud) -> list[str]:
     notes += [f"E57 has no field for {shown(name)}; it was left out." for name in left]
     image = libe57.ImageFile(file.name, "w")
     try:
-        _begin(image, libe57, cloud, flavour.coordinate_system)
+        _begin(image, libe57, cloud, flavour)
         data = image.root()["data3D"]
         for number, scan in enumerate(scans):
             rows = np.arange(len(cloud)) if index is None else np.flatnonzero(index == number)
@@ -106,7 +106,7 @@ def _fields(attributes: Columns) -> tuple[Columns, list[str]]:
     return stored, left
 
 
-def _begin(image: Any, libe57: Any, cloud: PointCloud, coordinate_system: str) -> None:
+def _begin(image: Any, libe57: Any, cloud: PointCloud, flavour: E57Flavour) -> None:
     """The nodes at the root; the file's own identifier follows from its points, so that it is the same every time."""
     image.extensionsAdd("", libe57.E57_V1_0_URI)
     image.extensionsAdd("nor", NORMALS_URI)
@@ -116,7 +116,9 @@ def _begin(image: Any, libe57: Any, cloud: PointCloud, coordinate_system: str) -
     root.set("versionMajor", libe57.IntegerNode(image, 1))
     root.set("versionMinor", libe57.IntegerNode(image, 0))
     root.set("e57LibraryVersion", libe57.StringNode(image, libe57.E57_LIBRARY_ID))
-    root.set("coordinateMetadata", libe57.StringNode(image, coordinate_system))
+    root.set("coordinateMetadata", libe57.StringNode(image, flavour.coordinate_system))
+    for fact in flavour.facts:
+        root.set(fact.name, fact_node(image, libe57, fact))
     root.set("data3D", libe57.VectorNode(image, True))
     root.set("images2D", libe57.VectorNode(image, True))
 

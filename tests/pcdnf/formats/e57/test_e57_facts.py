@@ -35,7 +35,8 @@ FACTS = (
 
 def scanned(**attributes: Any) -> PointCloud:
     scan = Scan(0, COUNT, (), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "{g}", "Station", "", FACTS)
-    flavour = E57Flavour((scan,), WKT, 4095.0)
+    created = Fact("creationDateTime", "Structure", parts=(Fact("dateTimeValue", "Float", "1.5e9"),))
+    flavour = E57Flavour((scan,), WKT, 4095.0, (created,))
     return PointCloud(points=POINTS, attributes=attributes, flavour=flavour)
 
 
@@ -46,6 +47,7 @@ def test_every_fact_of_a_scan_comes_back(tmp_path: Path) -> None:
     write(tmp_path / "b.e57", cloud.replaced(cloud.points + 1, None, metadata={}), check=True)
     with pye57.E57(str(tmp_path / "b.e57")) as file:
         assert file.image_file.root()["coordinateMetadata"].value() == WKT
+        assert file.image_file.root()["creationDateTime"]["dateTimeValue"].value() == 1.5e9
         node = file.image_file.root()["data3D"][0]
         assert node["sensorVendor"].value() == "Maker"
         assert node["temperature"].value() == 20.5
