@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -54,6 +55,9 @@ class Forerunner:
     recipe: Recipe
     ready: Tensor
     share: float
+
+
+THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class TrainingBatches(IterableDataset[Batch]):
@@ -135,12 +139,24 @@ def stream(batches: TrainingBatches, *, processes: int, pin: bool) -> Iterator[B
     """
     if not processes:
         return iter(batches)
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # theirs; this process has its threads already
     context: Any = "spawn"  # a fork would inherit OpenMP's threads, which do not survive it
-    return iter(
-        DataLoader(batches, batch_size=None, num_workers=processes, multiprocessing_context=context, pin_memory=pin)
+    loader = DataLoader(
+        batches, batch_size=None, num_workers=processes, multiprocessing_context=context, pin_memory=pin
     )
+    with _one_thread():
+        return iter(loader)  # starts the processes
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let processes that start meanwhile have one thread. Numba refuses a number that changes, so it is put back."""
+    absent = [name for name in THREAD_VARIABLES if name not in os.environ]
+    os.environ.update(dict.fromkeys(absent, "1"))
+    try:
+        yield
+    finally:
+        for name in absent:
+            del os.environ[name]
 
 
 def first_pass(denoiser: Denoiser) -> FirstPass:
