@@ -47,7 +47,7 @@ def test_the_file_is_read_again_when_it_changes(tmp_path: Path, caplog: pytest.L
     for _ in range(3):
         assert keys.owner("second") == "ada"
     said = [record.getMessage().partition(": ")[2] for record in caplog.records]  # once of each
-    assert said[:2] == ["line 1 is not `name:sha256-in-hex`", "it is not text in UTF-8"]
+    assert said[:2] == ["line 1 is not `name:sha256-in-hex`", "it is not UTF-8 text"]
     assert len(said) == 3
     assert "No such file" in said[2]
     path.write_text(_line("ada", "third"))

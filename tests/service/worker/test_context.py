@@ -120,13 +120,13 @@ def test_what_ends_while_the_rest_is_let_go_of(board: Board, monkeypatch: pytest
     works = [runtime.working_on(job.id, job.id) for job in jobs]
     for work in works:
         work.__enter__()
-    park = runtime.attempts.release
+    release = runtime.attempts.release
 
-    def slow_park(job_id: str) -> None:
-        park(job_id)
+    def slow_release(job_id: str) -> None:
+        release(job_id)
         (other,) = (work for job, work in zip(jobs, works, strict=True) if job.id != job_id)
         other.__exit__(None, None, None)
 
-    monkeypatch.setattr(runtime.attempts, "park", slow_park)
+    monkeypatch.setattr(runtime.attempts, "release", slow_release)
     runtime.in_flight.release_rest()
     assert len(runtime.in_flight.released) == 1
