@@ -17,7 +17,7 @@ def test_an_attempt_runs_the_job(board: Board) -> None:
     assert board.attempts.live() == [job.id]
     assert board.attempts.succeed(job.id, {"ply": {}}, ["careful"])
     ended = board.now(job)
-    assert (ended.status, ended.done, ended.open, ended.warnings) == ("succeeded", 100, False, ["careful"])
+    assert (ended.status, ended.done, ended.leased, ended.warnings) == ("succeeded", 100, False, ["careful"])
     assert ended.finished_at is not None
     assert ended.expires_at == ended.finished_at + 1_000_000
     assert board.attempts.live() == []
