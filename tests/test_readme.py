@@ -13,6 +13,7 @@ from fastapi import FastAPI, Request
 
 from pcdnf.formats import read
 from service.settings import Settings
+from tests.support.clouds import thinned_examples
 from tests.support.service_process import Served
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,6 +22,7 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), r
 
 WITH_LOOPS = ("README.md", "docs/api.md", "docs/tutorial.md")
 LOOP_SECONDS = 60
+POINTS = 5000
 
 
 def block(language: str, word: str) -> str:
@@ -29,10 +31,16 @@ def block(language: str, word: str) -> str:
     return found
 
 
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The samples, thinned."""
+    return thinned_examples(tmp_path_factory.mktemp("samples"), POINTS)
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, examples: Path) -> Path:
     """A working folder that sees the samples as the repository's root does."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "examples").symlink_to(examples)
     return tmp_path
 
 
@@ -45,7 +53,7 @@ def run(command: list[str], folder: Path) -> str:
 
 def check(folder: Path, name: str) -> None:
     """The result has the sample's points and colours, normals, and less noise."""
-    before, after = read(ROOT / "examples/bracket_noisy.ply"), read(folder / name)
+    before, after = read(folder / "examples/bracket_noisy.ply"), read(folder / name)
     assert after.points.shape == before.points.shape
     assert after.normals is not None
     assert (after.attributes["red"] == before.attributes["red"]).all()

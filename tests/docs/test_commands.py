@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
 from pcdnf.cli.main import build_parser
-from pcdnf.formats import read, write
 from service.settings import Settings
+from tests.support.clouds import thinned_examples
 from tests.support.service_process import Service
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,17 +57,7 @@ def with_code(*kinds: str, long: bool = False) -> list[object]:
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The clouds of ``examples/``, thinned."""
-    folder = tmp_path_factory.mktemp("samples")
-    (folder / "examples").mkdir()
-    for path in (ROOT / "examples").iterdir():
-        target = folder / "examples" / path.name
-        if path.suffix != ".ply":
-            target.symlink_to(path)
-            continue
-        cloud = read(path)
-        rows = np.random.default_rng(0).permutation(len(cloud))[POINTS:]
-        write(target, cloud.without(np.sort(rows), "Points"))
-    return folder / "examples"
+    return thinned_examples(tmp_path_factory.mktemp("samples"), POINTS)
 
 
 @pytest.fixture

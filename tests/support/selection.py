@@ -37,9 +37,6 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the marked tests out of the quick ones, and put the longest files first."""
-    for item in items:
-        if item.path.is_relative_to(TESTS / "interop"):
-            item.add_marker(pytest.mark.interop)
     if _is_quick(config):
         config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("full")])
         items[:] = [item for item in items if not item.get_closest_marker("full")]

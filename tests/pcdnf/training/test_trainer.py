@@ -1,7 +1,9 @@
 import json
 import math
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -97,7 +99,9 @@ def test_learning_rate_rises_and_falls_to_nothing() -> None:
     assert rates[-1] < 1e-5
 
 
-def test_a_training_learns_stops_and_goes_on(tmp_path: Path) -> None:
+def test_a_training_learns_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pcdnf.training.trainer.time", SimpleNamespace(monotonic=count().__next__))  # a step a second
+
     def options(minutes: float) -> Options:
         return Options(
             kind="lite",

@@ -13,6 +13,7 @@ from tests.support.cluster import Cluster
 from tests.support.servers import postgresql
 from tests.support.service_process import write_sphere
 
+pytestmark = pytest.mark.full
 POINTS, ITERATIONS = 5000, 2  # 20 tiles, 5 shards an iteration
 
 

@@ -7,7 +7,11 @@ import time
 from pathlib import Path
 from statistics import median
 
+import pytest
+
 from tests.support.service_process import Service, write_sphere
+
+pytestmark = pytest.mark.full  # they measure times, and their clouds are large
 
 
 def _seconds(service: Service, path: Path) -> float:
