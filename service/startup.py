@@ -18,7 +18,7 @@ def configure_logs(settings: Settings) -> None:
 
 
 def observe(settings: Settings, service: str) -> None:
-    """Begin to log and, where the environment asks for it, to trace under the name `service`."""
+    """Begin to log and, if the environment asks for it, to trace under the name `service`."""
     configure_logs(settings)
     try:
         tracing.configure(service)

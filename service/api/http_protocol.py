@@ -39,7 +39,7 @@ class Protocol(HttpToolsProtocol):
         return self.cycle is None or self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection, in place of an idle one where there are too many."""
+        """Accept a connection, and close an idle one if there are too many."""
         super().connection_made(transport)
         self._limit(self._settings.header_seconds)
         if len(self.connections) > self._settings.max_connections:
@@ -94,7 +94,7 @@ class Protocol(HttpToolsProtocol):
             self._limit(self.timeout_keep_alive)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request, or for the rest of a body that nobody wanted."""
+        """Wait for the next request, or for the rest of a body that was not read."""
         super().on_response_complete()
         self._idle_since = self.loop.time()
         if self._idle and self.cycle.more_body:

@@ -75,7 +75,7 @@ class ApiMetrics:
 
 
 class Deployment(Collector):
-    """What the database and the files tell of all processes together.
+    """Metrics of all processes together, from the database and the storage.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Deployment(Collector):
         self._looked = -DISK_SECONDS
 
     def collect(self) -> Iterator[Metric]:
-        """Return the families; without the database only those that need none."""
+        """Return all metrics, or only those of the disk if the database does not answer."""
         yield from self._disk()
         try:
             families = [*self._queue(), *self._beating()]

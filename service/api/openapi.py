@@ -63,8 +63,8 @@ DENOISE_PARAMETERS = [
         "name": HEADER,
         "in": "header",
         "required": False,
-        "description": "A value of the caller's choice, such as a UUID: the same request sent again with it is "
-        "answered with the same job",
+        "description": "A value of the caller's choice, such as a UUID. A repeated request with the same key returns "
+        "the same job",
         "schema": {"type": "string", "minLength": 1, "maxLength": LONGEST_KEY},
     },
     {
@@ -137,7 +137,7 @@ EVENTS: Responses = {
         "description": "Events named `job`, whose data is the job as GET /jobs/{id} shows it, in JSON",
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
     },
-    204: {"description": "The job has finished, and the event with this Last-Event-ID told so"},
+    204: {"description": "The job has finished, and Last-Event-ID is its last event"},
 }
 METRICS: Responses = {
     200: {

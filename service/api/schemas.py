@@ -120,7 +120,7 @@ def _time(milliseconds: int | None) -> datetime | None:
 
 
 def job_view(job: Job, eta: Eta) -> JobView:
-    """Return what is shown of a job."""
+    """Return the JSON of a job."""
     links = {"self": f"/jobs/{job.id}"}
     if job.live:
         links["events"] = f"/jobs/{job.id}/events"

@@ -25,9 +25,9 @@ KEEP_ALIVE_SECONDS = 15
 
 
 class Server(uvicorn.Server):
-    """uvicorn, but it goes on answering while the requests in hand are finished, and says that it stops.
+    """A uvicorn server that goes on answering until the requests in flight are finished.
 
-    Under a supervisor it answers until a second signal tells that the worker has come to rest, too.
+    Under a supervisor it goes on until a second signal, which the supervisor sends when the worker has stopped.
     """
 
     def __init__(self, app: FastAPI, config: uvicorn.Config, grace_seconds: float) -> None:
@@ -42,7 +42,7 @@ class Server(uvicorn.Server):
         super().handle_exit(sig, frame)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Wait for the requests in hand, those that wait for jobs ended, then close the listener."""
+        """End the requests that wait for jobs, wait for the other ones, then close the listener."""
         deadline = time.monotonic() + self._grace
         self._state.watch.close()
         while (self._state.shutdown.in_flight or self._held) and time.monotonic() < deadline and not self.force_exit:
@@ -77,7 +77,7 @@ def main() -> None:
     end_with_supervisor()
     try:
         app = create_app(settings)
-        open_storage(settings, patience=STORAGE_SECONDS)  # or its fault would be told with a trace
+        open_storage(settings, patience=STORAGE_SECONDS)  # to report a wrong setting without a traceback
         inherited = os.environ.get(SOCKET_VARIABLE)
         listener = bind(settings) if inherited is None else socket.socket(fileno=int(inherited))
     except SettingsError as error:

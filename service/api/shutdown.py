@@ -8,7 +8,7 @@ RETRY_SECONDS = 10
 
 
 class Shutdown:
-    """Whether this process stops, and how many requests from before that are still in hand.
+    """Whether this process is stopping, and how many earlier requests are still in flight.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Shutdown:
         self.in_flight = 0
 
     def begin(self) -> None:
-        """Take no new work from here on."""
+        """Refuse new jobs from here on."""
         self.begun = True
 
     def check_open(self) -> None:

@@ -23,7 +23,7 @@ HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # a proxy th
 
 
 def event_id(job: Job, eta: Eta) -> str:
-    """Return what tells this state of a job from its others."""
+    """Return an id for this state of a job."""
     planned = "-planned" if "plan" in (job.execution or {}) else ""  # with it the corrected total
     return f"{job.status}-{job.done if eta.queue_position is None else eta.queue_position}{planned}"
 

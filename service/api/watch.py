@@ -36,7 +36,7 @@ class Follower:
         As last seen.
     eta : Eta
     ended : bool
-        Whether nothing will change any more: the job has finished or gone, or this process stops.
+        Whether no further change can follow: the job has finished or was removed, or this process stops.
     """
 
     def __init__(self, job: Job, eta: Eta) -> None:
@@ -55,7 +55,7 @@ class Follower:
         return True
 
     def see(self, job: Job | None, eta: Eta) -> None:
-        """Take in what the database says now; None for a job that is gone."""
+        """Take over the present state from the database; None if the job was removed."""
         if job is None:
             self.end()
         elif (job, eta.queue_position) != (self.job, self.eta.queue_position):
@@ -69,7 +69,7 @@ class Follower:
 
 
 class Watch:
-    """Looks at the jobs that somebody follows.
+    """Polls the jobs that requests follow.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Watch:
 
     @property
     def full(self) -> bool:
-        """Whether no one else can follow a job."""
+        """Whether the limit of followers is reached."""
         return len(self._followers) >= self._most
 
     @contextmanager
@@ -96,7 +96,7 @@ class Watch:
         Raises
         ------
         Problem
-            503 where as many follow jobs already as may.
+            503 if the limit of followers is reached.
         """
         if self.full:
             raise Problem(
@@ -132,7 +132,7 @@ class Watch:
             return follower.job
 
     def close(self) -> None:
-        """Wake everybody, because this process stops."""
+        """Wake all followers, because this process stops."""
         self._closed = True
         for follower in self._followers:
             follower.end()

@@ -18,7 +18,7 @@ from ..settings import Settings
 ADMISSION_LOCK = 7262734  # of PostgreSQL, any number but that of another lock
 SQLITE_BUSY_MS = 30_000
 IDLE_SECONDS = 10.0  # after which PostgreSQL takes its locks from a process that froze in a transaction, or was cut off
-CONNECTION: dict[str, int] = {  # to PostgreSQL, whose end would else go unnoticed for hours where a machine is gone
+CONNECTION: dict[str, int] = {  # to PostgreSQL; without these a lost machine goes unnoticed for hours
     "connect_timeout": 10,  # seconds, as are the keepalives'
     "keepalives_idle": 10,
     "keepalives_interval": 5,

@@ -87,7 +87,7 @@ shards = sa.Table(
     metadata,
     sa.Column("id", sa.String(128), primary_key=True),
     sa.Column("job", sa.String(64), sa.ForeignKey("pcdnf_jobs.id", ondelete="CASCADE"), nullable=False, index=True),
-    # As the columns of the job, over all iterations: what is done before this shard, and of it.
+    # Points over all iterations, as in the columns of the job: where this shard starts, and what is done of it.
     sa.Column("start", sa.BigInteger, nullable=False),
     sa.Column("done", sa.BigInteger, nullable=False),
     sa.Column("points_per_second", sa.Float),

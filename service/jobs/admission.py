@@ -22,7 +22,7 @@ SHORTEST_RETRY, UNKNOWN_RETRY, LONGEST_RETRY = 1, 30, 3600  # seconds
 
 @dataclass(frozen=True)
 class Load:
-    """Live jobs: their points times iterations still to do, the bytes of their uploads, and their number."""
+    """A load of unfinished jobs: points times iterations still to do, bytes of their uploads, their number."""
 
     points: int = 0
     bytes: int = 0
@@ -43,13 +43,13 @@ class Admission:
         self._caller = Load(settings.max_caller_points, settings.max_caller_bytes, settings.max_caller_jobs)
 
     def check(self, connection: sa.Connection, owner: str, asked: Load) -> None:
-        """Refuse `asked` where there is no room for it.
+        """Check that there is room for the load `asked`.
 
         Raises
         ------
         Problem
-            413 for what would not fit into an empty queue either, 429 where this caller has reached a limit of its
-            own, 503 where the queue is full for all_load.
+            413 if the load would not fit into an empty queue, 429 if this caller has reached a limit of its key, 503 if
+            the queue is full.
         """
         self._too_large(asked)
         all_load, own = _loads(connection, owner)
@@ -101,7 +101,7 @@ class Admission:
 
 
 def _loads(connection: sa.Connection, owner: str) -> tuple[Load, Load]:
-    """Return the load of everybody and of one caller."""
+    """Return the load of all callers and of one."""
     size = sa.cast(table.c.upload["bytes"].as_string(), sa.BigInteger)
     query = sa.select(
         sa.func.coalesce(sa.func.sum(table.c.total - table.c.done), 0),
@@ -113,7 +113,7 @@ def _loads(connection: sa.Connection, owner: str) -> tuple[Load, Load]:
 
 
 def _seconds(excess: int, used: int, points: int, pace: float | None) -> str:
-    """Return the seconds in which `excess` of `used` will be gone, where `used` goes with `points` at `pace`."""
+    """Return the seconds until `excess` of `used` is worked off, if `points` are at `pace`."""
     if not pace or not used:
         return str(UNKNOWN_RETRY)
     return str(min(LONGEST_RETRY, max(SHORTEST_RETRY, math.ceil(min(1.0, excess / used) * points / pace))))

@@ -31,7 +31,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def patient(method: F) -> F:
-    """Try again for as long as the database is locked, full or away."""
+    """Retry a method until the database answers: it may be locked, full or unreachable."""
 
     @functools.wraps(method)
     def tries(*arguments: Any, **named: Any) -> Any:
@@ -64,7 +64,7 @@ class Attempts:
 
     @patient
     def acquire(self, job_id: str) -> Job | None:
-        """Take a job up, counting a loss if it was left open; None if it is not live any more."""
+        """Acquire the lease of a job, and count a crash if it was not released; None if the job has ended."""
         query = (
             table.update()
             .where(table.c.id == job_id, table.c.status.in_(("queued", "running", "cancelling")))
@@ -97,7 +97,7 @@ class Attempts:
 
     @patient
     def report(self, job_id: str, *, done: int, points_per_second: float | None) -> bool:
-        """Report progress, which never goes back, and return whether the job is still wanted: not once cancelled."""
+        """Report progress, which never goes back, and return whether to go on: not after the job was cancelled."""
         query = (
             table.update()
             .where(table.c.id == job_id, table.c.status.in_(("running", "cancelling")))
@@ -108,32 +108,32 @@ class Attempts:
             return connection.execute(query).scalar_one_or_none() == "running"
 
     def release(self, job_id: str) -> None:
-        """Let go of a job between two tiles, without a loss, because this worker stops."""
+        """Release the lease, so that a crash from here on does not count against the job."""
         self.update(job_id, leased=False)
 
     def reacquire(self, job_id: str) -> None:
-        """Go on with a job that was let go of."""
+        """Acquire the lease again after this worker has released it."""
         self.update(job_id, leased=True)
 
     def finished_tile(self, job_id: str, *, done: int, points_per_second: float | None) -> None:
-        """Report a tile that is stored, which forgives the crashes so far."""
+        """Report a tile that is stored. It resets the count of crashes."""
         self.update(job_id, crashes=0, done=done, points_per_second=points_per_second)
 
     @patient
     def succeed(self, job_id: str, results: dict[str, Any], warnings: list[str]) -> bool:
-        """End a job well; False if it was cancelled before that."""
+        """End a job as succeeded; False if it was cancelled before."""
         return self._end(
             job_id, ("running",), status="succeeded", results=results, warnings=warnings, done=table.c.total
         )
 
     @patient
     def cancel(self, job_id: str) -> bool:
-        """End a job that a caller does not want any more; False if nobody asked for that."""
+        """End a job that a caller has cancelled; False if none has."""
         return self._end(job_id, ("cancelling",), status="cancelled")
 
     @patient
     def fail(self, job_id: str, problem: dict[str, Any]) -> bool:
-        """End a job badly; False if it had ended, or was cancelled before that."""
+        """End a job as failed; False if it had ended or was cancelled before."""
         return self._end(job_id, ("queued", "running"), status="failed", problem=problem)
 
     def live(self) -> list[str]:
@@ -159,7 +159,7 @@ class Attempts:
 
     @patient
     def _drop_shares(self, job_id: str) -> None:
-        # In a transaction of its own: who reports on a shard locks it first, then the job.
+        # In a separate transaction: a report on a shard locks the shard first and then the job.
         with self._engine.begin() as connection:
             connection.execute(shards.delete().where(shards.c.job == job_id))
 

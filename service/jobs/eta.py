@@ -14,16 +14,16 @@ from .lanes import lane
 
 @dataclass(frozen=True)
 class Eta:
-    """What is known about the time a live job still takes."""
+    """The estimated time of an unfinished job."""
 
     queue_position: int | None
     seconds_left: float | None
 
 
 def speed(connection: sa.Connection, stale_seconds: float) -> float | None:
-    """Return the points a second that the workers at work make together; None before the first measured one.
+    """Return the points per second of all ready workers together; None before the first measurement.
 
-    Who was silent for `stale_seconds` is dead, and who starts or stops takes no job.
+    A worker without a heartbeat for `stale_seconds` does not count, nor one that starts or stops.
     """
     found: float | None = connection.execute(
         sa.select(sa.func.sum(workers.c.points_per_second)).where(*_at_work(stale_seconds))
@@ -36,10 +36,10 @@ def _at_work(stale_seconds: float) -> tuple[sa.ColumnElement[bool], ...]:
 
 
 def estimate(connection: sa.Connection, job: Job, stale_seconds: float) -> Eta:
-    """Return place in the queue and estimated time; a worker silent for `stale_seconds` does not count.
+    """Return the place in the queue and the estimated time; see :func:`speed` for `stale_seconds`.
 
-    Jobs in hand share the device evenly, so until a job has done its own work each of the others does as much, or what
-    it has left.
+    The jobs in flight share the device evenly. Until a job is finished, each of the others computes as many points as
+    it does, or what it has left.
     """
     if not job.live:
         return Eta(None, None)
@@ -54,7 +54,7 @@ def estimate(connection: sa.Connection, job: Job, stale_seconds: float) -> Eta:
         pace = job.points_per_second or (every and every / count)
     others = _others(connection, job, before + left)
     if job.status != "queued" and every and pace:
-        others = others * pace / every  # those of other workers are in nobody's way
+        others = others * pace / every  # jobs of other workers do not slow this one down
     return Eta(position, (before + left + others) / pace if pace else None)
 
 
@@ -70,7 +70,7 @@ def _ahead(connection: sa.Connection, job: Job) -> tuple[int, int]:
 
 
 def _others(connection: sa.Connection, job: Job, work: int) -> float:
-    """Return what the jobs in hand do while `work` is done, beside that."""
+    """Return the points that the other jobs in flight compute while this one computes `work`."""
     left = table.c.total - table.c.done
     query = sa.select(sa.func.coalesce(sa.func.sum(sa.case((left < work, left), else_=work)), 0)).where(
         table.c.status == "running", table.c.id != job.id

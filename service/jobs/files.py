@@ -20,13 +20,13 @@ def job_file(job_id: str, name: str) -> str:
 
 
 def result_facts(path: Path, name: str) -> dict[str, Any]:
-    """Return what the row of a job tells of a result that `path` holds and that is to be stored as `name`."""
+    """Return what the row of a job says about the result at `path`, which is stored as `name`."""
     return {"file": name, "size": path.stat().st_size, "sha256": sha256(path)}
 
 
 def result_name(format_: str, facts: dict[str, Any]) -> str:
     """Return under which name of the job a result is stored."""
-    name: str = facts.get("file", f"result.{format_}")  # as older versions named it
+    name: str = facts.get("file", f"result.{format_}")  # the name in older versions
     return name
 
 

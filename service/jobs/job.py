@@ -39,11 +39,11 @@ class Job:
     leased: bool
     crashes: int
     context: dict[str, str] | None
-    shard: str | None = None  # which shard of it a worker has in hand, where it is not all
+    shard: str | None = None  # the shard that a worker computes, if not the whole job
 
     @property
     def work(self) -> str:
-        """The id of what a worker has in hand: the job, or the shard."""
+        """The id of what a worker computes: the shard, or the job."""
         return self.shard or self.id
 
     @property

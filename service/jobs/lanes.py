@@ -19,7 +19,7 @@ class Lane:
     above, upto : int
         Which jobs, by points times iterations.
     concurrency : int
-        Jobs that one worker has in hand at a time.
+        Jobs that one worker runs at a time.
     """
 
     queue: str

@@ -15,13 +15,13 @@ from ..storage.base import Storage
 from .store import Jobs
 
 EXPIRED_ROWS_KEPT_MS = 30 * 24 * 3600 * 1000  # how long an expired job is answered 410 rather than 404
-LEASE_KEPT_MS = 3600 * 1000  # after it ran out, of an idempotency key whose API died before it had a job
+LEASE_KEPT_MS = 3600 * 1000  # after the lease of an idempotency key that got no job
 ORPHAN_SECONDS = 3600.0  # files without a job are an upload that was never accepted, or a late worker's
-SCRATCH_SECONDS = 24 * 3600.0  # after which what a writer left half written is nobody's any more
+SCRATCH_SECONDS = 24 * 3600.0  # after which a half-written file has no writer any more
 
 
 class Retention:
-    """Removes what is due, and the oldest results where the disk's budget is used up.
+    """Removes expired jobs, and the oldest results if the budget of the disk is used up.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Retention:
         self._min_free = settings.min_free_bytes
 
     def purge(self) -> int:
-        """Remove the files of expired jobs, then old rows and files nobody owns; return the jobs expired now."""
+        """Remove the files of expired jobs, old rows, and files without a job; return the number of jobs expired."""
         now = now_ms()
         due = sa.select(table.c.id).where(table.c.expires_at <= now, table.c.purged_at.is_(None))
         with self._engine.connect() as connection:
@@ -60,7 +60,7 @@ class Retention:
         return len(expired)
 
     def make_room(self, needed: int = 0, *, keep: str | None = None) -> None:
-        """Let results expire now until `needed` bytes fit; none of them where that would not be enough.
+        """Let results expire until `needed` bytes fit, or none if that would not be enough.
 
         The oldest go first, of the caller whose results take most at that moment.
 
@@ -73,7 +73,7 @@ class Retention:
         Raises
         ------
         Problem
-            503 where there is no room.
+            503 if there is not enough room.
         """
         used = self._storage.used_bytes() if self._budget else 0
         free = self._storage.free_bytes()

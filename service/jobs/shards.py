@@ -18,8 +18,8 @@ from ..database.tables import shards as table
 from .attempts import patient
 from .job import LIVE, Job, as_job
 
-SHARD_TILES = 4  # of one shard, which takes a worker some seconds
-LEAST_SHARDS = 4  # of a job that is worth the preparing of its cloud on more than one worker
+SHARD_TILES = 4  # of one shard, some seconds of work
+LEAST_SHARDS = 4  # of a job: below, preparing the cloud on several workers does not pay
 Part = list[list[int]]  # tiles [start, stop] that follow one another
 
 
@@ -29,13 +29,13 @@ def shard_id(job_id: str, iteration: int, start: int) -> str:
 
 
 def cut(tiles: Part) -> list[Part]:
-    """Return the shards of an iteration's tiles; none where the job is too small for that."""
+    """Return the shards of an iteration's tiles; none if the job is too small for shards."""
     parts = [tiles[first : first + SHARD_TILES] for first in range(0, len(tiles), SHARD_TILES)]
     return parts if len(parts) >= LEAST_SHARDS else []
 
 
 class Shards:
-    """Changes workers make to the shards of jobs; those that :class:`Attempts` has, too, mean the same.
+    """The workers' changes to shards; the methods that :class:`Attempts` has as well mean the same.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Shards:
 
     @patient
     def begin(self, job_id: str, iteration: int, points: int, parts: list[Part]) -> bool:
-        """Begin to shard an iteration over so many points; False while another job is shared."""
+        """Begin the shards of an iteration over so many points; False while another job is divided."""
         rows = [
             {
                 "id": shard_id(job_id, iteration, part[0][0]),
@@ -71,13 +71,13 @@ class Shards:
 
     @patient
     def finish(self, job_id: str) -> None:
-        """Let another job be shared."""
+        """Remove the shards of a job, so that another job may be divided."""
         with self._engine.begin() as connection:
             connection.execute(table.delete().where(table.c.job == job_id))
 
     @patient
     def acquire(self, shard: str) -> Job | None:
-        """Take a shard up, counting a loss if it was left open; None if its job does not run any more."""
+        """Acquire the lease of a shard, and count a crash if it was not released; None if its job has ended."""
         crashes = table.c.crashes + sa.case((table.c.leased, 1), else_=0)
         running = sa.select(jobs_table.c.id).where(jobs_table.c.status == "running")
         taken = table.update().where(table.c.id == shard, table.c.job.in_(running)).values(crashes=crashes, leased=True)
@@ -90,7 +90,7 @@ class Shards:
 
     @patient
     def part_of(self, job: Job, shard: str) -> Job:
-        """Return the job as the worker of a shard sees it: what it does, and what died of it, count for the shard."""
+        """Return the job with the id and the crashes of a shard, as the worker of the shard needs it."""
         with self._engine.connect() as connection:
             crashes = connection.execute(sa.select(table.c.crashes).where(table.c.id == shard)).scalar()
         return replace(job, shard=shard, crashes=crashes or 0)

@@ -37,7 +37,7 @@ class Jobs:
     engine : sqlalchemy.Engine
         Of the job database, already migrated.
     storage : Storage
-        Where the files of jobs lie.
+        Of the files of jobs.
     settings : Settings
         For the bounds of the queue and the time that a finished job is kept.
     """
@@ -57,11 +57,11 @@ class Jobs:
         )
 
     def close(self) -> None:
-        """Let go of the engine's client."""
+        """Close the client of the job engine."""
         self._client.destroy()
 
     def check_room(self, owner: str, asked: Load) -> None:
-        """Refuse early what :meth:`submit` would most likely refuse; see :meth:`Admission.check`."""
+        """Refuse a job early that :meth:`submit` would most likely refuse; see :meth:`Admission.check`."""
         with self._engine.connect() as connection:
             drain_switch.check_open(connection)
             self._admission.check(connection, owner, asked)
@@ -76,12 +76,12 @@ class Jobs:
         warnings: list[str],
         also: Callable[[sa.Connection], None] | None = None,
     ) -> Job:
-        """Accept a job whose upload lies durably in storage; our row, the queue's and `also` in one transaction.
+        """Accept a job whose upload is stored durably. Our row, that of the queue and `also` are one transaction.
 
         Raises
         ------
         Problem
-            Where the service is drained or there is no room, see :meth:`Admission.check`; or by `also`.
+            If the service is draining, if there is no room (:meth:`Admission.check`), or by `also`.
         """
         iterations = parameters["iterations"]
         values = {
@@ -116,7 +116,7 @@ class Jobs:
         return as_job(row)
 
     def status(self, job_id: str, owner: str) -> Job | None:
-        """Return the job, or None where there is none or it is somebody else's."""
+        """Return the job, or None if `owner` has no such job."""
         if not is_id(job_id):
             return None
         query = sa.select(table).where(table.c.id == job_id, table.c.owner == owner)
@@ -125,7 +125,7 @@ class Jobs:
         return None if row is None else as_job(row)
 
     def expired(self, job: Job) -> bool:
-        """Return whether the files of `job` are gone, or about to go."""
+        """Return whether the files of `job` have expired."""
         if job.expires_at is None:
             return False
         with self._engine.connect() as connection:
@@ -133,7 +133,7 @@ class Jobs:
         return job.expires_at <= now
 
     def page(self, owner: str, *, limit: int, before: Job | None = None) -> list[Job]:
-        """Return the jobs of `owner`, newest first, those older than `before` where it is given."""
+        """Return the jobs of `owner`, newest first, optionally only those older than `before`."""
         query = sa.select(table).where(table.c.owner == owner, table.c.purged_at.is_(None))
         if before is not None:
             query = query.where(sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(before.created_at, before.id))
@@ -147,13 +147,13 @@ class Jobs:
             return estimate(connection, job, self._stale_seconds)
 
     def seen(self, job_ids: Collection[str]) -> dict[str, tuple[Job, Eta]]:
-        """Return these jobs as they are now, whoever owns them; those that are gone are left out."""
+        """Return the present state of these jobs, of any owner, without those that were removed."""
         with self._engine.connect() as connection:
             rows = connection.execute(sa.select(table).where(table.c.id.in_(job_ids))).mappings().all()
         return {job.id: (job, self.eta(job)) for job in map(as_job, rows)}
 
     def cancel(self, job: Job) -> Job | None:
-        """Cancel a live job: at once where it is queued, else as soon as its worker notices.
+        """Cancel a live job: at once if it is queued, otherwise as soon as its worker notices.
 
         Returns the job as it is now, or None if it went in the meantime.
         """
@@ -177,7 +177,7 @@ class Jobs:
         return self.status(job.id, job.owner)
 
     def add_result(self, job: Job, format_: str, facts: dict[str, Any], warnings: list[str]) -> Job | None:
-        """Note that the result of a finished job is there in one more format.
+        """Record that the result of a finished job is available in one more format.
 
         Returns the job as it is now, or None if it was removed or expired in the meantime.
         """
@@ -201,7 +201,7 @@ class Jobs:
         with self._engine.connect() as connection:
             if connection.execute(sa.select(table.c.id).where(ended)).scalar() is None:
                 return False
-        self.forget(job.id)  # first: without our row nobody would know of it, while files without one are purged
+        self.forget(job.id)  # first: without our row it would be lost, while files without a row are purged
         with self._engine.begin() as connection:
             removed = connection.execute(table.delete().where(ended)).rowcount == 1
         self._storage.delete_job(job.id)

@@ -27,7 +27,7 @@ class Worker:
 
 
 class Workers:
-    """Signs of life, by the clock of the database.
+    """Heartbeats, by the clock of the database.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Workers:
     def beats_elsewhere(self, worker_id: str, heartbeat_seconds: float) -> bool:
         """Return whether another process beats under the name `worker_id`.
 
-        Answers at once where the last sign of life is old or there is none; else listens for a further one.
+        Returns at once if there is no recent heartbeat. Otherwise it waits for a further one.
         """
         listen = 2 * heartbeat_seconds
         first = self._last_beat(worker_id, listen)

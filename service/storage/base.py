@@ -13,7 +13,7 @@ from typing import Protocol
 
 
 class StorageError(Exception):
-    """The storage does not answer, or refuses."""
+    """The storage does not answer, or refuses a request."""
 
 
 def sha256(path: Path) -> str:
@@ -24,7 +24,7 @@ def sha256(path: Path) -> str:
 
 @contextmanager
 def writing(storage: Storage, name: str) -> Iterator[Path]:
-    """Give a local file to write, which becomes `name`, or is removed where the writing fails."""
+    """Yield the path of a local file to write. It is stored as `name`, or removed if the writing fails."""
     scratch = storage.scratch()
     try:
         yield scratch
@@ -40,7 +40,7 @@ def own_name(name: str) -> str:
 
 
 class Storage(Protocol):
-    """What the service asks of its storage. Where it is not on this machine every call may raise `StorageError`."""
+    """The storage of the service. On another machine, every call may raise `StorageError`."""
 
     frees_disk: bool
     """Whether a file that is removed leaves room on the disk that :meth:`free_bytes` is about."""
@@ -49,25 +49,25 @@ class Storage(Protocol):
         """Return the path of a new local file for a writer to fill; the file does not exist yet."""
 
     def put(self, source: Path, name: str) -> None:
-        """Take `source` over as `name`. When this returns, the file survives a power loss."""
+        """Move `source` to `name`. After that the file survives a power failure."""
 
     def reading(self, name: str) -> AbstractContextManager[Path]:
-        """Return a context in which `name` can be read at a local path; FileNotFoundError where it is not there."""
+        """Return a context in which `name` can be read at a local path; FileNotFoundError if it does not exist."""
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
-        """Return the bytes `start` to `stop` of `name` in parts; FileNotFoundError, at once, where it is not there."""
+        """Return the bytes `start` to `stop` of `name` in parts; FileNotFoundError at once if it does not exist."""
 
     def size(self, name: str) -> int:
-        """Return the bytes of `name`; FileNotFoundError where it is not there."""
+        """Return the size of `name` in bytes; FileNotFoundError if it does not exist."""
 
     def delete_job(self, job_id: str, *, keep: frozenset[str] = frozenset()) -> None:
-        """Remove the files of a job but those in `keep`; files that are not there are no error."""
+        """Remove the files of a job except those in `keep`; missing files are no error."""
 
     def job_ids(self) -> list[str]:
         """Return the jobs that have files, and maybe some that had."""
 
     def idle_seconds(self, job_id: str) -> float:
-        """Return for how long no file of a job was written; 0 where it has none."""
+        """Return the seconds since a file of the job was last written; 0 if it has none."""
 
     def clear_scratch(self, older_than: float) -> None:
         """Remove local files that a writer left more than `older_than` seconds ago."""
@@ -82,7 +82,7 @@ class Storage(Protocol):
         """Return the bytes that the files of a job take."""
 
     def check(self) -> None:
-        """Raise `StorageError` where it cannot be reached."""
+        """Raise `StorageError` if the storage cannot be reached."""
 
 
 def folder_bytes(folder: Path) -> int:

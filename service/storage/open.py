@@ -11,7 +11,7 @@ from .local import LocalStorage
 
 
 def open_storage(settings: Settings, *, patience: float) -> Storage:
-    """Return the storage in the settings; :meth:`Storage.check` tells whether it can be reached.
+    """Return the storage in the settings; :meth:`Storage.check` checks that it can be reached.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def open_storage(settings: Settings, *, patience: float) -> Storage:
     Raises
     ------
     SettingsError
-        If there can be no such storage.
+        If the storage cannot be used.
     """
     url = settings.storage_url or settings.data_dir.absolute().as_uri()
     try:

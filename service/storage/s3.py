@@ -32,7 +32,7 @@ class BucketStorage:
     url : str
         ``s3://bucket/prefix``.
     folder : Path
-        Where files lie while they are written or read, in ``scratch``; made when missing.
+        Folder of local files while they are written or read; created if missing.
     patience : float
         Seconds that a request is tried again.
 
@@ -50,7 +50,7 @@ class BucketStorage:
             self._store = S3Store(
                 bucket,
                 prefix=prefix.strip("/") or None,
-                # Without TLS only where the endpoint's address says so.
+                # Without TLS only if the URL of the endpoint says so.
                 client_options={"allow_http": True, "timeout": timedelta(seconds=REQUEST_SECONDS)},
                 retry_config={"retry_timeout": timedelta(seconds=patience)},
             )

@@ -25,7 +25,7 @@ _ids: ContextVar[dict[str, str]] = ContextVar("ids", default={})  # noqa: B039  
 
 @contextmanager
 def about(**ids: str) -> Iterator[None]:
-    """Put these ids on every line logged inside, in this thread or task."""
+    """Add these ids to every line that this thread or task logs inside."""
     token = _ids.set(_ids.get() | ids)
     try:
         yield
@@ -34,7 +34,7 @@ def about(**ids: str) -> Iterator[None]:
 
 
 def ids() -> dict[str, str]:
-    """Return what the lines logged here are about: `request_id`, `job_id`, `trace_id` and `span_id`, where known."""
+    """Return the ids of the lines logged here, as far as known: `request_id`, `job_id`, `trace_id`, `span_id`."""
     span = trace.get_current_span().get_span_context()
     if not span.is_valid:
         return _ids.get()
@@ -63,7 +63,7 @@ class TextFormatter(logging.Formatter):
 
 
 class JsonFormatter(logging.Formatter):
-    """A JSON object on a line of its own."""
+    """A JSON object per line."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
@@ -97,5 +97,5 @@ def configure(level: str, format_: str) -> None:
     logging.captureWarnings(True)
     engine = logging.getLogger("dbos")
     engine.setLevel(level if level in ("DEBUG", "ERROR") else "WARNING")
-    engine.handlers, engine.propagate = [handler], False  # it would bring a handler of its own
+    engine.handlers, engine.propagate = [handler], False  # it would add its own handler
     logging.getLogger("numba").setLevel("WARNING")

@@ -25,7 +25,7 @@ _propagator = TraceContextTextMapPropagator()
 
 
 class TracesMissingError(Exception):
-    """Traces are asked for, and their libraries are not installed; the text says what to do."""
+    """The environment asks for traces, but their libraries are not installed; the text says what to do."""
 
 
 def is_enabled() -> bool:
@@ -34,7 +34,12 @@ def is_enabled() -> bool:
 
 
 def configure(service: str) -> None:
-    """Send spans where the environment says, by OTLP over HTTP, under this name unless OTEL_SERVICE_NAME gives one.
+    """Export spans by OTLP over HTTP if the environment asks for it.
+
+    Parameters
+    ----------
+    service : str
+        Name of the service, unless OTEL_SERVICE_NAME gives one.
 
     Raises
     ------
@@ -59,7 +64,7 @@ def configure(service: str) -> None:
 
 
 def close() -> None:
-    """Send what was not sent yet, for a few seconds at most: a collector that is away holds up no stop."""
+    """Export the last spans, for a few seconds at most, so that an unreachable collector does not delay the exit."""
     flush = getattr(trace.get_tracer_provider(), "force_flush", None)
     if flush is not None:
         thread = threading.Thread(target=flush, name="flush", daemon=True)
@@ -77,7 +82,7 @@ def span(name: str, *, carrier: Mapping[str, str] | None = None, server: bool = 
 
 
 def carried() -> dict[str, str]:
-    """Return what a job takes with it from the request that makes it: `request_id`, `traceparent`, `tracestate`."""
+    """Return the `request_id`, `traceparent` and `tracestate` of this request, for the job that it creates."""
     carrier = {name: value for name, value in ids().items() if name == "request_id"}
     _propagator.inject(carrier)
     return carrier

@@ -25,18 +25,20 @@ log = logging.getLogger(__name__)
 INITIAL_NORMALS = "raw-normals.npz"
 
 
-DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step that finds the disk full
+DISK_PATIENCE_SECONDS, DISK_RETRY_SECONDS = 300.0, 2.0  # of a step, while the disk is full
 
 
 T = TypeVar("T")
 
 
 class DiskFullError(Exception):
-    """The disk stays full."""
+    """The disk was full for five minutes."""
 
 
 def retry_while_disk_full(runtime: Runtime, in_hand: str, work: Callable[[], T]) -> T:
-    """Do the work of a job or shard in hand, again for a while where the disk is full: what expires may make room.
+    """Run `work`, retrying for up to five minutes while the disk is full.
+
+    Expiring results may free space in the meantime.
 
     Raises
     ------
@@ -57,12 +59,12 @@ def retry_while_disk_full(runtime: Runtime, in_hand: str, work: Callable[[], T])
 
 
 def tile_name(iteration: int, start: int) -> str:
-    """Return the name of a finished tile, one that nobody else has: of a worker taken for dead another may make it."""
+    """Return a unique name for a finished tile: two workers may compute it, if one of them was taken for dead."""
     return own_name(f"tiles/{iteration}-{start}.npz")
 
 
 def merged_name(iteration: int) -> str:
-    """Return the name of the cloud after an iteration, one that nobody else has."""
+    """Return a unique name for the cloud after an iteration."""
     return own_name(f"iteration-{iteration}.npz")
 
 
@@ -82,7 +84,7 @@ def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[A
 
 
 def read_upload(runtime: Runtime, job: Job) -> PointCloud:
-    """Read the caller's file, under the limits it was checked with, without outliers where they are to go.
+    """Read the upload under the limits of its check, and drop outliers if the job asks for it.
 
     Raises
     ------

@@ -30,9 +30,9 @@ _KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 
 def colours(cloud: PointCloud) -> NDArray[np.uint8] | None:
-    """Return the colours (N, 3) of a file in the usual column names, or None where it has none.
+    """Return the colours (N, 3) of a file in the usual column names, or None if it has none.
 
-    Integers of 16 bits keep their upper byte; floats are taken as 0 to 1, or as 0 to 255 where one exceeds 1.
+    Integers of 16 bits keep their upper byte; floats range from 0 to 1, or from 0 to 255 if one exceeds 1.
     """
     found: NDArray[Any] | None = None
     for names in _COLOUR_COLUMNS:

@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 class Heartbeat:
-    """Tells the table of workers that this one lives, from a thread of its own."""
+    """Reports this worker to the table of workers, from a separate thread."""
 
     def __init__(self, workers: Workers, settings: Settings) -> None:
         self._workers, self._settings = workers, settings

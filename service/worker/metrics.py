@@ -27,7 +27,7 @@ class WorkerMetrics:
         self._registry = registry = CollectorRegistry()
         self._stages = Histogram(
             "pcdnf_stage_duration_seconds",
-            "Time of the stages of jobs, without waiting for a turn",
+            "Time of the stages of jobs, without waiting for the scheduler",
             ["stage"],
             buckets=STAGE_BUCKETS,
             registry=registry,
@@ -43,7 +43,7 @@ class WorkerMetrics:
         )
         self._batch = Gauge(
             "pcdnf_batch_patches",
-            "Neighbourhoods of a batch; halved where a device runs out of memory",
+            "Patches in a batch; halved when a device runs out of memory",
             ["model", "device"],
             registry=registry,
         )
@@ -82,7 +82,7 @@ class WorkerMetrics:
 
 
 def _memory(device: str) -> tuple[int, int]:
-    """Return the bytes in use and those there are; of the CPU only Linux tells."""
+    """Return the bytes in use and in total; for the CPU both are known on Linux only."""
     if device != "cpu":
         return torch.cuda.memory_reserved(device), torch.cuda.get_device_properties(device).total_memory
     page = resource.getpagesize()

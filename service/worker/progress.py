@@ -11,11 +11,11 @@ from ..jobs.job import Job
 from .context import Runtime
 from .speeds import speed_key
 
-POLL_SECONDS = 1.0  # between two looks at whether the job is still wanted
+POLL_SECONDS = 1.0  # between two reports
 
 
 class Progress:
-    """Progress of one step, told to the database at most once a second, which also tells whether to go on.
+    """Progress of one step, reported at most once a second.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Progress:
     Attributes
     ----------
     yielded_seconds : float
-        Seconds in which tiles of other jobs went first.
+        Seconds in which this step yielded to tiles of other jobs.
     """
 
     def __init__(
@@ -39,11 +39,11 @@ class Progress:
         self._began = self._reported = time.monotonic()
 
     def report(self, done: int) -> None:
-        """Take note of the points of this step done so far."""
+        """Set the number of points of this step done so far."""
         self._done = done
 
     def stop(self) -> bool:
-        """Return whether the job is not wanted any more; looks once a second."""
+        """Return whether the job was cancelled; asks the database once a second."""
         self.yielded_seconds += self._yield()
         now = time.monotonic()
         if now - self._reported < POLL_SECONDS:

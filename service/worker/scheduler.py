@@ -21,7 +21,7 @@ POLL_SECONDS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A job that works, or waits to: for a turn where `left` tells its points still to do, else beside others."""
+    """A request to compute: a tile of a job with `left` points to do, or other work if None."""
 
     job: str
     submitted: int
@@ -33,19 +33,19 @@ class Request:
 
 @dataclass(frozen=True)
 class Grant:
-    """Work that has begun: whether it had to wait, and a way to let others go first, which tells if it did."""
+    """Permission to compute: whether the job had to wait, and a function that yields and returns whether it did."""
 
     waited: bool
     yield_to_smaller: Callable[[], bool]
 
 
 class Scheduler:
-    """Shared by the workflows of one worker.
+    """Grants requests of the workflows of one worker.
 
     Parameters
     ----------
     always_isolated : bool
-        No two jobs at the same time, whatever they do; where a library bears only one caller.
+        Never run two jobs at the same time, because a library supports only one caller.
     """
 
     def __init__(self, *, always_isolated: bool = False) -> None:
@@ -54,7 +54,7 @@ class Scheduler:
         self._waiting: list[Request] = []
         self._working: list[Request] = []
         self._granted = 0
-        self._pinned: Request | None = None  # does not give way
+        self._pinned: Request | None = None  # does not yield
         self._closed = False
 
     @property
@@ -63,7 +63,7 @@ class Scheduler:
         return next((request.job for request in list(self._working) if request.left is not None), None)
 
     def close(self) -> None:
-        """Let nobody begin any more; what works goes on to its end."""
+        """Grant no more requests. Work that was granted goes on to its end."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

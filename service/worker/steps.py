@@ -48,7 +48,7 @@ from .speeds import speed_key
 
 log = logging.getLogger(__name__)
 
-STORED = ("ply", "npz")  # beside the format that came in; the others are written when they are asked for
+STORED = ("ply", "npz")  # in addition to the format of the upload; others are written on demand
 Outcome = dict[str, Any]
 
 
@@ -72,7 +72,7 @@ def result_files(results: dict[str, Any]) -> frozenset[str]:
 
 
 def sweep(job_id: str) -> None:
-    """Remove what is left of a job that has ended, but its results."""
+    """Remove the files of a job that has ended, except its results."""
     job = runtime().attempts.get(job_id)
     if job is None or not job.live:
         results = None if job is None else job.results
@@ -109,14 +109,14 @@ def _as_step(name: str, function: Callable[..., Outcome]) -> Callable[..., Outco
             detail = "The worker does not have enough memory for this cloud."
             return {"problem": problem_of("out_of_memory", detail, "Split the cloud into smaller parts.")}
         finally:
-            sweep(job_id)  # a worker that was frozen may have written after the job had ended elsewhere
+            sweep(job_id)  # a worker that was frozen may have stored files after another one had ended the job
 
     return DBOS.step(name=name, retries_allowed=True, max_attempts=3)(step)
 
 
 @_step("survey")
 def survey(runtime: Runtime, job: Job) -> Outcome:
-    """Measure noise and spacing, and choose what the caller left open."""
+    """Measure noise and spacing, and choose the parameters that the caller left open."""
     with runtime.at_work(job, Progress(runtime, job, 0).check), runtime.stage("survey"):
         denoiser = pinned_model(runtime, job)
         points = read_upload(runtime, job).points
@@ -133,7 +133,7 @@ def survey(runtime: Runtime, job: Job) -> Outcome:
 
 @_step("plan")
 def plan(runtime: Runtime, job: Job, iteration: int, before: str | None) -> Outcome:
-    """Prepare the cloud of an iteration and cut it into tiles, and these into shards where other workers may help."""
+    """Prepare the cloud of an iteration and divide it into tiles, and into shards if other workers can help."""
     work = prepared(runtime, job, Pass(iteration, before))
     tiles = [list(tile) for tile in work.cloud.tiles(runtime.settings.tile_points)]
     outcome = {"tiles": tiles, "order": work.order}
@@ -170,8 +170,8 @@ def denoise_tile(runtime: Runtime, job: Job, now: Pass, start: int, stop: int, s
 
 @_step("gather")
 def gather(runtime: Runtime, job: Job, ids: list[str]) -> Outcome:
-    """Wait until all shards of an iteration are done, wherever; return what became of each."""
-    runtime.attempts.release(job.id)  # whoever dies now dies of a shard, which counts for itself
+    """Wait until all shards of an iteration have finished on their workers; return the outcome of each."""
+    runtime.attempts.release(job.id)  # from here on a crash counts for a shard
     while True:
         found = {each.workflow_id: each for each in DBOS.list_workflows(workflow_ids=ids, load_input=False)}
         outcomes = [found[shard].output if found[shard].status == "SUCCESS" else None for shard in ids]
@@ -214,7 +214,7 @@ def merge(runtime: Runtime, job: Job, now: Pass, tiles: Part, files: list[str]) 
 
 @_step("finish")
 def finish(runtime: Runtime, job: Job, last: str) -> Outcome:
-    """Write the result as it came in, as PLY and as NPZ, all that repeats the run, and what the page draws."""
+    """Write the result in the format of the upload, as PLY and as NPZ, and the preview."""
     with runtime.at_work(job, Progress(runtime, job, job.total).check), runtime.stage("result"):
         return _finished(runtime, job, load_arrays(runtime, job.id, last))
 

@@ -41,7 +41,7 @@ def denoise(job_id: str) -> str:
     with runtime().working_on(job_id, job_id):
         job = runtime().attempts.acquire(job_id)
         if job is None:
-            sweep(job_id)  # who ended it may have died before its files went
+            sweep(job_id)  # the worker that ended it may have crashed before it removed the files
             return "gone"
         with runtime().attempt(job):
             try:
@@ -82,10 +82,10 @@ def _shard(job: Job, now: Pass, tiles: Part) -> Outcome:
 
 
 def _failure(job_id: str, error: Exception) -> dict[str, Any]:
-    """Return the problem of a job that met an error; raise again what is the engine's own affair."""
+    """Return the problem of a job that failed with `error`; raise the control errors of DBOS again."""
     if isinstance(error, dbos_error.DBOSException) and not isinstance(error, dbos_error.DBOSMaxStepRetriesExceeded):
         sweep(job_id)
-        raise error  # such as another worker having taken this job over
+        raise error  # for example, another worker has taken over this job
     log.error("job %s failed", job_id, exc_info=error)
     return problem_of("internal_error")
 

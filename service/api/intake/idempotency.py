@@ -43,7 +43,7 @@ def idempotency_key(request: Request) -> str | None:
     Raises
     ------
     Problem
-        400, where the header is there but is no key.
+        400 if the header is not a valid key.
     """
     given = request.headers.getlist(HEADER)
     if not given:
@@ -59,13 +59,13 @@ def idempotency_key(request: Request) -> str | None:
 
 
 def fingerprint(sha256: str, name: str, parameters: dict[str, Any]) -> str:
-    """Return what tells two requests apart: the file's hash, its name and the parameters in force."""
+    """Return a hash of what distinguishes requests: the file's hash, its name and the parameters."""
     return hashlib.sha256(json.dumps([sha256, name, parameters], sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A caller's key: held for the request in hand, or bound to the job of an earlier one."""
+    """The claim on a caller's key: held for this request, or bound to the job of an earlier one."""
 
     owner: str
     key: str
@@ -95,7 +95,7 @@ class Claims:
         self._engine = engine
 
     def claim(self, owner: str, key: str) -> Claim:
-        """Return the caller's claim on `key`, which tells the job where there is one already.
+        """Return the caller's claim on `key`, with the job of an earlier request if there was one.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Claims:
             connection.execute(table.update().where(_unbound(claim)).values(lease_until=lease))
 
     def release(self, claim: Claim) -> None:
-        """Let the key go, unless it was bound to a job."""
+        """Release the key, unless it was bound to a job."""
         with self._engine.begin() as connection:
             connection.execute(table.delete().where(_unbound(claim)))
 
@@ -155,7 +155,7 @@ class Claims:
 
     @asynccontextmanager
     async def held(self, owner: str, key: str | None) -> AsyncIterator[Claim | None]:
-        """Hold a key while the request is worked on; None where it carries none.
+        """Hold a key during a request; None if the request has none.
 
         Raises
         ------

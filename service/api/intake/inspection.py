@@ -39,7 +39,7 @@ class Inspector:
         self._settings = settings
 
     async def inspect(self, path: Path, parameters: Parameters, *, text: bool) -> Inspection:
-        """Check the file at `path`; with `text` it may be columns of text where its first bytes say nothing.
+        """Check the file at `path`; with `text`, a file without a known signature is read as plain-text columns.
 
         Raises
         ------

@@ -45,7 +45,7 @@ async def accept(request: Request, state: State, owner: str) -> Job:
         with timed("upload", state.metrics):
             upload = await receive(request, path, settings)
         try:
-            if fresh and upload.size > expected:  # its length was not told; now the file is among what is there
+            if fresh and upload.size > expected:  # its length was unknown; now the file counts as used
                 await run_in_threadpool(state.retention.make_room)
             parameters = job_parameters([*query, *upload.fields], settings)
             if claim is not None and claim.job is not None:

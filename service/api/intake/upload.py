@@ -21,7 +21,7 @@ from ...problems import Problem
 from ...settings import MIB, Settings
 from .upload_pace import chunks
 
-OTHER_TYPES = ("application/octet-stream",)  # beside the formats' own
+OTHER_TYPES = ("application/octet-stream",)  # in addition to those of the formats
 RAW_TYPES = tuple(dict.fromkeys([*(FORMATS[name].media_type for name in available()), *OTHER_TYPES]))
 TEXT_TYPES = tuple(FORMATS[name].media_type for name in TEXT_FORMATS)
 WRITE_BYTES = MIB  # written to disk at a time, off the event loop
@@ -40,7 +40,7 @@ class Upload:
     size: int
     sha256: str  # of the file, in hex
     fields: list[tuple[str, str]]
-    is_text: bool = False  # by its type or its name it may be columns of text, which nothing in it tells
+    is_text: bool = False  # by its type or name it may be plain-text columns, which have no signature
 
 
 def clean_name(name: str | None) -> str:
@@ -62,7 +62,7 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
     Raises
     ------
     Problem
-        408, 413, 415 or 422; `path` is removed then, and when the caller goes away or the disk is full.
+        408, 413, 415 or 422. `path` is removed then, and also if the caller disconnects or the disk is full.
     """
     kind, options = parse_options_header(request.headers.get("content-type", ""))
     content_type = kind.decode("latin-1").lower()
@@ -88,7 +88,7 @@ async def receive(request: Request, path: Path, settings: Settings) -> Upload:
 
 
 def declared_bytes(request: Request) -> int:
-    """Return the Content-Length of a request, 0 where it is not known."""
+    """Return the Content-Length of a request, or 0 if it is unknown."""
     declared = request.headers.get("content-length", "")
     return int(declared) if declared.isascii() and declared.isdigit() else 0
 

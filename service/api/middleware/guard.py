@@ -33,14 +33,14 @@ HEADERS = {
 
 
 class Guard:
-    """Answers 503 beyond `max_requests` at a time, and tells browsers what they may not do.
+    """Answers 503 above `max_requests` at a time, and sets the security headers.
 
     Parameters
     ----------
     app : ASGI application
     max_requests : int
     shutdown : Shutdown
-        Told how many requests are in hand.
+        Counts the requests in flight.
     """
 
     def __init__(self, app: ASGIApp, max_requests: int, shutdown: Shutdown) -> None:
@@ -84,7 +84,7 @@ class Guard:
         except Exception:
             log.exception("the request met an error of the service")
             if begun:
-                raise  # the server breaks the answer off, so that nobody takes it for whole
+                raise  # the server cuts the response off, so that it does not look complete
             await respond(unexpected(), Request(scope))(scope, receive, guarded)
         finally:
             self._running -= 1

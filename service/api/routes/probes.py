@@ -81,7 +81,7 @@ def install(app: FastAPI) -> None:
         responses=METRICS | errors(*CALLER, "invalid_parameters"),
     )
     def metrics(state: StateIn, accept: Annotated[str, Header()] = "") -> Response:
-        """Return what Prometheus collects; asks for a key where the service has keys."""
+        """Return the metrics for Prometheus; requires a key if the service has keys."""
         encode, media_type = choose_encoder(accept)
         return Response(encode(state.metrics.registry), media_type=media_type, headers={"Cache-Control": "no-store"})
 
