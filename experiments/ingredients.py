@@ -27,7 +27,7 @@ from pcdnf import Denoiser
 from pcdnf.models.cpu.allocator import keep_freed_memory
 from pcdnf.models.lite import LiteConfig, PCDNFLite
 from pcdnf.training.corruption import Mix
-from pcdnf.training.dataset import TrainingCloud
+from pcdnf.training.dataset import TrainingCloud, shape_sample
 from pcdnf.training.defaults import DEFAULTS
 from pcdnf.training.loader import first_pass
 from pcdnf.training.losses import Batch, Surface, angle_degrees, joint_loss, point_terms
@@ -74,7 +74,7 @@ def make_bank(condition: str, seed: int) -> Bank:
     torch.set_num_threads(1)
     rng = np.random.default_rng(seed)
     ahead = first_pass(Denoiser.load("pcdnf-lite", device="cpu")) if condition == "second pass" else None
-    cloud = TrainingCloud(rng, LITE.recipe, ahead, CONDITIONS[condition])
+    cloud = TrainingCloud(rng, shape_sample(rng, CONDITIONS[condition]), LITE.recipe, ahead)
 
     def cut(edges: float) -> Batch:
         arrays = cloud.batch(rng, PATCHES // 2, edges)

@@ -18,7 +18,8 @@ from ..denoiser import Denoiser
 from ..geometry.patches import PatchSource
 from ..geometry.recipe import Recipe
 from ..models.cpu.allocator import keep_freed_memory
-from .dataset import FirstPass, TrainingCloud, sample_batch
+from ..scanners.catalog import KINDS
+from .dataset import FirstPass, Sample, TrainingCloud, sample_batch, scan_samples, shape_sample
 from .losses import Batch
 
 CLOUDS_A_BATCH = 4
@@ -27,6 +28,11 @@ EDGES = 0.25
 FIRST_CLOUDS = 4
 """A process begins with these; its pool grows by one every ``GROW`` batches."""
 GROW = 6
+FEWEST_CENTRES = 16
+"""A cloud with fewer is not worth its place."""
+CROPS_A_SCAN = 12
+SCAN_SEEDS = 900_000
+"""Scans to train on have seeds below this."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +70,25 @@ class TrainingBatches(IterableDataset[Batch]):
     fresh_every : int
         Batches after which a process replaces one of its clouds.
     forerunner : Forerunner, optional
+    scans : float
+        Share of the clouds that are crops of simulated scans; the others are shapes.
     """
 
     def __init__(
-        self, recipe: Recipe, *, seed: int, batch: int, pool: int, fresh_every: int, forerunner: Forerunner | None
+        self,
+        recipe: Recipe,
+        *,
+        seed: int,
+        batch: int,
+        pool: int,
+        fresh_every: int,
+        forerunner: Forerunner | None,
+        scans: float = 0.0,
     ) -> None:
         self._recipe, self._seed, self._batch = recipe, seed, batch
         self._pool, self._fresh_every, self._forerunner = pool, fresh_every, forerunner
+        self._scans = scans
+        self._crops: list[Sample] = []
 
     def __iter__(self) -> Iterator[Batch]:
         worker = get_worker_info()
@@ -97,9 +115,17 @@ class TrainingBatches(IterableDataset[Batch]):
         if ahead is not None and ahead.ready.item() and rng.random() < ahead.share:
             use = first_pass(Denoiser(ahead.network, ahead.recipe))
         while True:
-            cloud = TrainingCloud(rng, self._recipe, use)
-            if len(cloud.centres) >= 64:
+            sample = self._crop(rng) if rng.random() < self._scans else shape_sample(rng)
+            cloud = TrainingCloud(rng, sample, self._recipe, use)
+            if len(cloud.centres) >= FEWEST_CENTRES:
                 return cloud
+
+    def _crop(self, rng: np.random.Generator) -> Sample:
+        """A crop of the scan at hand, of a new one once its crops are used up."""
+        while not self._crops:
+            kind = str(rng.choice(list(KINDS)))
+            self._crops = scan_samples(rng, kind, int(rng.integers(SCAN_SEEDS)), CROPS_A_SCAN)
+        return self._crops.pop()
 
 
 def stream(batches: TrainingBatches, *, processes: int, pin: bool) -> Iterator[Batch]:

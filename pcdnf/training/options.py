@@ -44,6 +44,8 @@ class Options:
         The patches a multiple of 8.
     pool : int
         Clouds held in memory at once, and at least 4 by each process.
+    scans : float
+        Share of the clouds that are crops of simulated scans; validation takes such scans too where it is above 0.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Options:
     validation_patches: int = 2048
     validation_clouds: int = 12
     pool: int = 64
+    scans: float = 0.0
 
     def __post_init__(self) -> None:
         for name, patches, share in (
@@ -79,3 +82,5 @@ class Options:
         if self.learning_rate is not None and not 0 < self.learning_rate < 1:
             hint = "Give a number above 0 and below 1, such as 0.001."
             raise PcdnfError(f"--learning-rate cannot be {self.learning_rate}.", code="bad_option", hint=hint)
+        if not 0 <= self.scans <= 1:
+            raise PcdnfError(f"--scans cannot be {self.scans}.", code="bad_option", hint="Give a share from 0 to 1.")

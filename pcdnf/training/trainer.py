@@ -14,6 +14,7 @@ import os
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
+from statistics import fmean
 
 import numba
 import torch
@@ -31,13 +32,17 @@ from .loader import Forerunner, TrainingBatches, stream
 from .losses import Batch, joint_loss
 from .options import Options
 from .run_folder import TrainingRun
-from .validation import VALIDATION_SEED, validate, validation_batches
+from .validation import VALIDATION_SEED, scan_batches, validate, validation_batches
 
 WARM_UP = 0.03
 """Share of the budget in which the learning rate rises."""
 FORERUN = 0.1
 """Share of the budget after which the network in training is worth being its own forerunner."""
 LICENCE = "MIT"
+SCANS = 18
+"""Held-out scans, two of each kind."""
+Validation = dict[str, list[Batch]]
+"""Fixed patches of held-out shapes and scans."""
 
 
 def learning_rate(peak: float, progress: float) -> float:
@@ -92,10 +97,7 @@ class Trainer:
     def run(self) -> None:
         """Train until the budget is spent; safe to kill and to start again."""
         options, run = self.options, self.run_folder
-        validation = [
-            batch.each(self._moved)
-            for batch in validation_batches(options.kind, options.validation_patches, options.validation_clouds)
-        ]
+        validation = self._validation()
         batches = stream(self._batches(), processes=self._workers(), pin=self.device.type == "cuda")
         batch = next(batches)  # once the processes stand
         mean: dict[str, Tensor] = {}
@@ -113,7 +115,21 @@ class Trainer:
             if run.elapsed - last_saved > options.save_every or run.elapsed >= budget:
                 self._checkpoint(validation)
                 last_saved = run.elapsed
-        self._save_model(run.last_file, validate(self.average, validation))
+        self._save_model(run.last_file, self._scores(validation))
+
+    def _validation(self) -> Validation:
+        """Patches of held-out shapes, and of held-out scans where there are some in the training."""
+        options = self.options
+        shapes = validation_batches(options.kind, options.validation_patches, options.validation_clouds)
+        scans = scan_batches(options.kind, options.validation_patches, SCANS) if options.scans else []
+        return {
+            name: [batch.each(self._moved) for batch in batches]
+            for name, batches in (("shapes", shapes), ("scans", scans))
+            if batches
+        }
+
+    def _scores(self, validation: Validation) -> dict[str, dict[str, float]]:
+        return {name: validate(self.average, batches) for name, batches in validation.items()}
 
     def _batches(self) -> TrainingBatches:
         return TrainingBatches(
@@ -123,6 +139,7 @@ class Trainer:
             pool=self.options.pool,
             fresh_every=max(1, self.defaults.fresh_every * self.defaults.batch // self.batch),
             forerunner=self._forerunner,
+            scans=self.options.scans,
         )
 
     def _workers(self) -> int:
@@ -174,10 +191,10 @@ class Trainer:
             batch.clean_normals[:, chosen],
         )
 
-    def _checkpoint(self, validation: list[Batch]) -> None:
-        run, scores = self.run_folder, validate(self.average, validation)
-        run.log(validation={key: round(value, 5) for key, value in scores.items()})
-        value = 100 * scores["point"] + 0.1 * scores["angle"]
+    def _checkpoint(self, validation: Validation) -> None:
+        run, scores = self.run_folder, self._scores(validation)
+        run.log(validation=_rounded(scores))
+        value = fmean(100 * each["point"] + 0.1 * each["angle"] for each in scores.values())
         if value < run.best:
             run.best = value
             self._save_model(run.model_file, scores)
@@ -191,7 +208,7 @@ class Trainer:
             ahead.network.load_state_dict(self.average.state_dict())
             ahead.ready.fill_(1)
 
-    def _save_model(self, file: Path, scores: dict[str, float]) -> None:
+    def _save_model(self, file: Path, scores: dict[str, dict[str, float]]) -> None:
         run = self.run_folder
         training = {
             "steps": run.step,
@@ -205,7 +222,8 @@ class Trainer:
             "losses": asdict(self.defaults.losses),
             "first_pass": self.options.first_pass,
             "data": "generated shapes (pcdnf.training.shapes)",
-            "validation": {key: round(value, 5) for key, value in scores.items()},
+            "scans": self.options.scans,
+            "validation": _rounded(scores),
         }
         save_checkpoint(
             file,
@@ -217,6 +235,10 @@ class Trainer:
             training=training,
             licence=LICENCE,
         )
+
+
+def _rounded(scores: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    return {name: {key: round(value, 5) for key, value in each.items()} for name, each in scores.items()}
 
 
 def _check_kind(info: ModelInfo, kind: str) -> None:

@@ -14,7 +14,7 @@ from pcdnf.errors import PcdnfError
 from pcdnf.geometry.recipe import Recipe
 from pcdnf.models.checkpoint import load_checkpoint
 from pcdnf.models.lite import LiteConfig, PCDNFLite
-from pcdnf.training.dataset import TrainingCloud, sample_batch
+from pcdnf.training.dataset import TrainingCloud, sample_batch, shape_sample
 from pcdnf.training.defaults import DEFAULTS
 from pcdnf.training.loader import first_pass
 from pcdnf.training.losses import Batch, joint_loss
@@ -28,7 +28,7 @@ RECIPE = DEFAULTS["lite"].recipe
 @pytest.fixture(scope="module")
 def clouds() -> list[TrainingCloud]:
     rng = np.random.default_rng(5)
-    return [TrainingCloud(rng, RECIPE, None) for _ in range(2)]
+    return [TrainingCloud(rng, shape_sample(rng), RECIPE) for _ in range(2)]
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,8 @@ def test_a_first_pass_is_cut_from_the_middle_of_a_crop() -> None:
         assert 0 < len(rows) < len(points)
         return points[rows] + 1e-3, normals[rows]
 
-    cloud = TrainingCloud(np.random.default_rng(7), RECIPE, move)
+    rng = np.random.default_rng(7)
+    cloud = TrainingCloud(rng, shape_sample(rng), RECIPE, move)
     (crop, radius), *others = seen
     assert not others
     assert 0 < len(cloud.centres) < len(cloud.noisy) < crop

@@ -1,0 +1,1 @@
+"""Scenes made by code, each a function of a random generator."""
