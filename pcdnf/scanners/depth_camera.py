@@ -1,10 +1,10 @@
 """Depth cameras that triangulate: noise and steps that grow with the square of the depth, in windows of pixels.
 
 Structured light (Kinect): a standard deviation of 1.43e-3 z^2 and steps of 2.85e-3 z^2 metres (Khoshelham and Oude
-Elberink 2012, "Accuracy and resolution of Kinect depth data for indoor mapping applications"); 0.0012 + 0.0019 (z -
-0.4)^2, and 0.8 pixels sideways (Nguyen, Izadi and Lovell 2012, "Modeling Kinect sensor noise for improved 3D reconstruction and
-tracking"). Active stereo: z^2 / (f b) times some 0.08 pixels of disparity, and a window that correlates neighbours
-(Keselman et al. 2017, "Intel RealSense stereoscopic depth cameras").
+Elberink 2012, "Accuracy and resolution of Kinect depth data for indoor mapping applications"). 0.0012 + 0.0019 (z -
+0.4)^2, and 0.8 pixels sideways (Nguyen, Izadi and Lovell 2012, "Modeling Kinect sensor noise for improved 3D
+reconstruction and tracking"). Active stereo: z^2 / (f b) times some 0.08 pixels of disparity, and a window that
+correlates neighbours (Keselman et al. 2017, "Intel RealSense stereoscopic depth cameras").
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def tube(path: ArrayLike, radius: ArrayLike, sides: int = 12) -> Mesh:
     after = (turn + 1) % sides
     start = np.stack([np.full(sides, len(vertices) - 2), after, turn], 1)
     end = np.stack([np.full(sides, len(vertices) - 1), last + turn, last + after], 1)
-    return vertices, np.concatenate([faces[:, ::-1], start[:, ::-1], end[:, ::-1]])
+    return vertices, np.concatenate([faces, start, end])
 
 
 def cylinder(base: ArrayLike, height: float, radius: float, sides: int = 24) -> Mesh:
@@ -76,7 +76,7 @@ def height_field(xs: Floats, ys: Floats, height: Callable[[Floats, Floats], Floa
     """A surface over a grid; ``height`` takes and returns arrays of one shape."""
     x, y = np.meshgrid(xs, ys, indexing="ij")
     vertices = np.stack([x, y, height(x, y)], -1).reshape(-1, 3)
-    return vertices, _grid_faces(len(xs), len(ys), closed=False)
+    return vertices, _grid_faces(len(xs), len(ys), closed=False)[:, ::-1]
 
 
 def leaves(rng: Generator, centre: ArrayLike, reach: ArrayLike, count: int, size: float) -> Mesh:

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from ..errors import PcdnfError
 from ..geometry.recipe import Recipe
-from ..inference.device import choose_device
+from ..inference.device import choose_device, has_native_bfloat16
 from ..models.build import build_network
 from ..models.catalog import ModelInfo
 from ..models.checkpoint import load_checkpoint, save_checkpoint
@@ -63,6 +63,7 @@ class Trainer:
         self.options = options
         self.defaults: Defaults = DEFAULTS[options.kind]
         self.device = torch.device(choose_device(options.device))
+        self._bfloat16 = has_native_bfloat16(self.device.type)
         self.batch = options.batch or self.defaults.batch
         self.network = build_network(options.kind, asdict(self.defaults.config)).to(self.device)
         self.average = build_network(options.kind, asdict(self.defaults.config)).eval().to(self.device)
@@ -154,7 +155,7 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(self.learning_rate, progress)
         self.network.train()
-        with torch.autocast(self.device.type, torch.bfloat16):
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self._bfloat16):
             output = self.network(batch.points, batch.normals)
         loss, watched = joint_loss(output, batch, self.defaults.losses)
         self.optimizer.zero_grad()

@@ -37,10 +37,10 @@ def test_the_network_in_training_becomes_its_own_forerunner(tmp_path: Path) -> N
         trainer.average.first_score.bias.fill_(7)
     batch = next(iter(batches()))
     trainer._step(batch, 0.5)  # the optimiser's moments belong to the state
-    trainer._checkpoint([batch])
+    trainer._checkpoint({"shapes": [batch]})
     assert not ahead.ready.item()  # too early
     trainer.run_folder.elapsed = 30
-    trainer._checkpoint([batch])
+    trainer._checkpoint({"shapes": [batch]})
     assert ahead.ready.item() == 1
     assert ahead.network.first_score.bias.item() == pytest.approx(trainer.average.first_score.bias.item())
     assert all(parameter.is_shared() for parameter in ahead.network.parameters())

@@ -158,6 +158,32 @@ def test_patches_that_cannot_be_shared_out(tmp_path: Path, wrong: dict[str, int]
     assert "multiple of" in str(caught.value.hint)
 
 
+def test_a_training_on_scans_is_validated_on_scans_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pcdnf.training.trainer.SCANS", 2)
+    options = Options(
+        kind="lite",
+        folder=tmp_path,
+        minutes=0.02,
+        workers=0,
+        validation_patches=128,
+        validation_clouds=2,
+        pool=2,
+        scans=1.0,
+    )
+    Trainer(options).run()
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    scores = next(line["validation"] for line in lines if "validation" in line)
+    assert set(scores) == {"shapes", "scans"}
+    assert 0 < scores["scans"]["point"] != scores["shapes"]["point"]
+    assert load_checkpoint(tmp_path / "last.safetensors")[0].training["scans"] == 1.0
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, math.nan])
+def test_a_share_of_scans_that_cannot_be(tmp_path: Path, share: float) -> None:
+    with pytest.raises(PcdnfError, match="--scans cannot be"):
+        Options(kind="lite", folder=tmp_path, minutes=1, scans=share)
+
+
 @pytest.mark.parametrize("rate", [0.0, -1e-3, 1.0, math.nan])
 def test_a_learning_rate_that_cannot_be(tmp_path: Path, rate: float) -> None:
     with pytest.raises(PcdnfError, match="--learning-rate cannot be") as caught:
