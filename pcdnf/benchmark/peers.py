@@ -26,7 +26,8 @@ BILATERAL_PASSES = 3
 WLOP_KEPT = 50.0
 """Per cent of the points: WLOP is a resampling, and at 100 % it clusters."""
 PCA_NEIGHBOURS = (24, 60, 100, 240, 480)
-PEERS = ("jet", "bilateral", "wlop", "pca")
+PEERS = ("jet", "bilateral", "wlop", "pca", "pcl-mls", "rimls", "apss", "cloudcompare")
+"""On clean clouds; the last four are programs, see :mod:`.filters`."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,10 @@ class Jet:
 
     def run(self, points: Points, level: float) -> Output:
         """Project every point onto the jet fitted to its neighbours."""
-        cloud = _cgal_cloud(points)
+        cloud = cgal_cloud(points)
         neighbours = _neighbours(level, len(points))
-        _processing().jet_smooth_point_set(cloud, neighbours)
-        return _output(cloud, neighbours=neighbours)
+        cgal_processing().jet_smooth_point_set(cloud, neighbours)
+        return cgal_output(cloud, neighbours=neighbours)
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,12 @@ class Bilateral:
 
     def run(self, points: Points, level: float) -> Output:
         """Smooth points and normals together, from PCA normals."""
-        cloud = _cgal_cloud(points)
+        cloud = cgal_cloud(points)
         neighbours = _neighbours(level, len(points))
-        _processing().pca_estimate_normals(cloud, neighbours)
+        cgal_processing().pca_estimate_normals(cloud, neighbours)
         for _ in range(BILATERAL_PASSES):
-            _processing().bilateral_smooth_point_set(cloud, neighbours)  # a third argument makes it return NaN
-        return _output(cloud, neighbours=neighbours)
+            cgal_processing().bilateral_smooth_point_set(cloud, neighbours)  # a third argument makes it return NaN
+        return cgal_output(cloud, neighbours=neighbours)
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,8 @@ class Wlop:
     def run(self, points: Points, level: float) -> Output:  # noqa: ARG002
         """Resample with CGAL's default radius, eight times the average spacing."""
         resampled = importlib.import_module("CGAL.CGAL_Point_set_3").Point_set_3()
-        _processing().wlop_simplify_and_regularize_point_set(_cgal_cloud(points), resampled, WLOP_KEPT)
-        return _output(resampled)
+        cgal_processing().wlop_simplify_and_regularize_point_set(cgal_cloud(points), resampled, WLOP_KEPT)
+        return cgal_output(resampled)
 
 
 @dataclass(frozen=True)
@@ -153,11 +154,13 @@ def _neighbours(level: float, points: int) -> int:
     return min(count, points - 1)
 
 
-def _processing() -> Any:
+def cgal_processing() -> Any:
+    """CGAL's module of point-set processing."""
     return importlib.import_module("CGAL.CGAL_Point_set_processing_3")
 
 
-def _cgal_cloud(points: Points) -> Any:
+def cgal_cloud(points: Points) -> Any:
+    """Points (N, 3) as a point set of CGAL's."""
     point = importlib.import_module("CGAL.CGAL_Kernel").Point_3
     cloud = importlib.import_module("CGAL.CGAL_Point_set_3").Point_set_3()
     cloud.reserve(len(points))
@@ -166,7 +169,8 @@ def _cgal_cloud(points: Points) -> Any:
     return cloud
 
 
-def _output(cloud: Any, **facts: Any) -> Output:
+def cgal_output(cloud: Any, **facts: Any) -> Output:
+    """Return a point set of CGAL's as an output; raises ``peer_failed`` where it holds nothing of use."""
     points = np.array([(point.x(), point.y(), point.z()) for point in cloud.points()])
     if not len(points) or not np.isfinite(points).all():
         raise PcdnfError(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import PcdnfError
 from ..metrics import score
+from .choice import Choice, run_timed
 from .clouds import CleanCloud
 from .methods import Group, Method, Output
 
@@ -104,28 +104,23 @@ class Results:
 
     def __init__(self, folder: Path, *, fresh: bool = False) -> None:
         self.folder = folder
-        try:
-            (folder / "clouds").mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PcdnfError(
-                f"The folder {folder} cannot be made: {error.strerror}.", code="unwritable_folder", hint="Name another."
-            ) from error
+        self._clouds = cloud_folder(folder)
         self._file = folder / "results.jsonl"
-        self._known = {row.key: row for row in self._read()}
+        self._known = {row.key: row for row in (Row(**json.loads(line)) for line in read_lines(self._file))}
         self._fresh = fresh
 
     def run(
-        self, case: Case, methods: Sequence[Method], *, report: Callable[[Row, bool], None] | None = None
+        self, case: Case, methods: Sequence[Method | Choice], *, report: Callable[[Row, bool], None] | None = None
     ) -> list[Row]:
         """Run all methods on one noisy cloud and return their rows in order.
 
         ``report`` is called with each row and whether it was computed just now.
         """
         points = case.points()
-        digest = _digest(points, case.clean.points, case.clean.normals)
+        digest = digest_of(points, case.clean.points, case.clean.normals)
         rows = []
         for method in methods:
-            key = _key(digest, method.identity)
+            key = key_of(digest, method.identity)
             row = None if self._fresh else self._known.get(key)
             new = row is None or not self._cloud_file(key).exists()
             if row is None or new:
@@ -148,32 +143,20 @@ class Results:
             return Output(arrays["points"].astype(np.float64) * diagonal + low, arrays["normals"])
 
     def _cloud_file(self, key: str) -> Path:
-        return self.folder / "clouds" / f"{key}.npz"
+        return self._clouds / f"{key}.npz"
 
-    def _read(self) -> Iterator[Row]:
-        """Read the lines of the file and cut off an incomplete last line, which a kill may leave."""
-        if not self._file.exists():
-            return
-        text = self._file.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]
-        if whole != text:
-            os.truncate(self._file, len(whole))
-        for line in whole.splitlines():
-            yield Row(**json.loads(line))
+    def _computed(self, case: Case, points: Floats, method: Method | Choice, key: str) -> Row:
+        clean = case.clean
 
-    def _computed(self, case: Case, points: Floats, method: Method, key: str) -> Row:
-        began = time.perf_counter()
-        output = method.run(points, case.level)
-        seconds = time.perf_counter() - began
-        scores = score(output.points, output.normals, case.clean.points, case.clean.normals)
+        def error(output: Output) -> float:
+            return score(output.points, None, clean.points, clean.normals).point_to_surface
+
+        output, seconds = run_timed(method, points, case.level, error)
+        scores = score(output.points, output.normals, clean.points, clean.normals)
         assert scores.normal_mean is not None
         assert scores.normal_rms is not None
         low, diagonal = _frame(case.clean)
-        temporary = self._cloud_file(key).with_suffix(f".{os.getpid()}.tmp")
-        with temporary.open("wb") as file:
-            local = ((output.points - low) / diagonal).astype(np.float32)
-            np.savez(file, points=local, normals=output.normals.astype(np.float32))
-        temporary.replace(self._cloud_file(key))
+        store_cloud(self._clouds, key, Output((output.points - low) / diagonal, output.normals))
         return Row(
             key=key,
             cloud=case.clean.name,
@@ -192,11 +175,53 @@ class Results:
         )
 
     def _write(self, row: Row) -> None:
-        with self._file.open("a") as file:
-            file.write(json.dumps(asdict(row)) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        append_line(self._file, asdict(row))
         self._known[row.key] = row
+
+
+def cloud_folder(folder: Path) -> Path:
+    """Return the folder of the clouds in a folder of results, made where it does not exist.
+
+    Raises
+    ------
+    PcdnfError
+        ``unwritable_folder``.
+    """
+    clouds = folder / "clouds"
+    try:
+        clouds.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PcdnfError(
+            f"The folder {folder} cannot be made: {error.strerror}.", code="unwritable_folder", hint="Name another."
+        ) from error
+    return clouds
+
+
+def read_lines(file: Path) -> list[bytes]:
+    """Return the lines of a file of results; half a line at its end, left by a kill, is cut off."""
+    if not file.exists():
+        return []
+    text = file.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        os.truncate(file, len(whole))
+    return whole.splitlines()
+
+
+def append_line(file: Path, values: dict[str, Any]) -> None:
+    """Write a line that outlives the machine."""
+    with file.open("a") as lines:
+        lines.write(json.dumps(values) + "\n")
+        lines.flush()
+        os.fsync(lines.fileno())
+
+
+def store_cloud(folder: Path, key: str, output: Output) -> None:
+    """Write a cloud as float32, whole or not at all."""
+    temporary = folder / f"{key}.{os.getpid()}.tmp"
+    with temporary.open("wb") as file:
+        np.savez(file, points=output.points.astype(np.float32), normals=output.normals.astype(np.float32))
+    temporary.replace(folder / f"{key}.npz")
 
 
 def _frame(clean: CleanCloud) -> tuple[Floats, float]:
@@ -204,13 +229,15 @@ def _frame(clean: CleanCloud) -> tuple[Floats, float]:
     return low, float(np.linalg.norm(clean.points.max(axis=0) - low))
 
 
-def _digest(*arrays: Floats | None) -> str:
+def digest_of(*arrays: Floats | None) -> str:
+    """SHA-256 of arrays."""
     total = hashlib.sha256()
     for array in arrays:
         total.update(b"none" if array is None else np.ascontiguousarray(array, "<f8").tobytes())
     return total.hexdigest()
 
 
-def _key(digest: str, identity: dict[str, str]) -> str:
+def key_of(digest: str, identity: dict[str, str]) -> str:
+    """Return the key of a method's result on an input."""
     text = json.dumps({"input": digest, **identity}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]

@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 from ..errors import PcdnfError
 
 if TYPE_CHECKING:
+    from ..benchmark.choice import Choice
     from ..benchmark.clouds import CleanCloud
+    from ..benchmark.methods import Method
     from ..benchmark.runs import Row
+    from ..benchmark.scan_runs import ScanRow
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
+PEER_NAMES = "jet, bilateral, wlop, pca, pcl-mls, rimls, apss, cloudcompare (of scans also plane, and no wlop)"
 LEVELS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.5)
 """The paper's, and none: a method should leave a clean cloud alone."""
 MADE_POINTS = 20_000
@@ -30,22 +34,37 @@ def add_benchmark(subparsers: Subparsers) -> None:
         "benchmark",
         help="score models and peers on clean clouds with noise",
         description="Clean clouds x noise x methods. Results are kept in a folder; what is there is not computed "
-        "again. Writes table.csv, table.md, intervals.md and, with --pictures, PNGs.",
+        "again. Writes table.csv, table.md, intervals.md and, with --pictures, PNGs. With --scanners: simulated "
+        "scans x methods, against the true surface; writes scans.csv, scans.md and PNGs.",
     )
     parser.add_argument(
         "clouds",
         type=Path,
         nargs="*",
-        help="clean clouds (.npy, .npz, .ply) or folders of them; without any, four shapes by formula",
+        help="clean clouds (.npy, .npz, .ply) or folders of them, else four shapes by formula; with --scanners: scans "
+        "with their truth (.npz), else simulated ones",
+    )
+    parser.add_argument("--scanners", action="store_true", help="on simulated scans (extra `scanners`)")
+    parser.add_argument(
+        "--scans", type=_listed(str), default=[], metavar="KIND,…", help="kinds of scan; all by default"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--generated", type=_count, default=0, metavar="N", help="also N shapes of the training's kind")
-    parser.add_argument("--points", type=_count, metavar="N", help="of each cloud: thins files (20 000 for made ones)")
+    parser.add_argument(
+        "--generated", type=_count, default=0, metavar="N", help="also N generated shapes; N scans a kind"
+    )
+    parser.add_argument(
+        "--points", type=_count, metavar="N", help="of each cloud: thins files (20 000 for made ones, 80 000 for scans)"
+    )
     parser.add_argument("--levels", type=_listed(_level), default=list(LEVELS), help="per cent of the diagonal")
     parser.add_argument("--noise", type=_listed(str), default=["gaussian"], help="kinds of noise")
     parser.add_argument("--models", type=_listed(str), metavar="M,…", help="names or .safetensors files")
-    parser.add_argument("--iterations", type=_listed(_iterations), default=[1, 2, 3, "auto"], help="1,2,3,auto")
-    parser.add_argument("--peers", type=_listed(str), default=[], help="some of jet,bilateral,wlop,pca, or all")
+    parser.add_argument("--iterations", type=_listed(_iterations), help="1,2,3,auto; of scans only auto")
+    parser.add_argument(
+        "--peers",
+        type=_listed(str),
+        default=[],
+        help="some of jet,bilateral,wlop,pca,pcl-mls,rimls,apss,cloudcompare (of scans also plane, not wlop), or all",
+    )
     parser.add_argument("--pictures", action="store_true", help="draw errors and curves (extra `benchmark`)")
     parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
     parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])
@@ -80,26 +99,28 @@ def _iterations(text: str) -> int | Literal["auto"]:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from ..benchmark.methods import Method, Noisy, our_methods
-    from ..benchmark.noise import check_kind
-    from ..benchmark.peers import PEERS, peer_methods
-    from ..benchmark.report import Report
-    from ..benchmark.runs import Results, cases
-    from ..models.catalog import DEFAULT_MODEL
-
     if options.pictures and importlib.util.find_spec("matplotlib") is None:
         raise PcdnfError(
             "Pictures need matplotlib, which is not installed.",
             code="missing_extra",
             hint="pip install 'pcdnf[benchmark]', or leave out --pictures.",
         )
+    return _on_scans(options) if options.scanners else _on_clouds(options)
+
+
+def _on_clouds(options: argparse.Namespace) -> int:
+    """Clean clouds x noise x methods."""
+    from ..benchmark.methods import Noisy
+    from ..benchmark.noise import check_kind
+    from ..benchmark.peers import PEERS
+    from ..benchmark.report import Report
+    from ..benchmark.runs import Results, cases
+
     for kind in options.noise:
         check_kind(kind)
     clouds = _clouds(options)
     peers = list(PEERS) if options.peers == ["all"] else options.peers
-    methods: list[Method] = [Noisy(), *peer_methods(peers)]
-    models = options.models or [DEFAULT_MODEL]
-    methods += our_methods(models, options.iterations, device=options.device, precision=options.precision)
+    methods = [Noisy(), *_peers(peers), *_ours(options, [1, 2, 3, "auto"])]
     results = Results(options.output, fresh=options.fresh)
     rows: list[Row] = []
     for case in cases(clouds, options.noise, options.levels):
@@ -107,6 +128,55 @@ def _benchmark(options: argparse.Namespace) -> int:
     for path in Report(results, clouds, rows).write(pictures=options.pictures):
         print(path)
     return 0
+
+
+def _on_scans(options: argparse.Namespace) -> int:
+    """Return scans with their truth x methods."""
+    from ..benchmark.filters import SCAN_PEERS
+    from ..benchmark.methods import Noisy
+    from ..benchmark.scan_report import ScanReport
+    from ..benchmark.scan_runs import ScanResults
+    from ..benchmark.scans import TrueScan, read_scans, simulated_scans, thinned
+    from ..scanners.catalog import POINTS
+
+    scans = read_scans(options.clouds)
+    if options.points:
+        scans = [thinned(scan, options.points) for scan in scans]
+    if options.scans or options.generated or not scans:
+        scans += simulated_scans(options.scans, options.generated or 1, options.points or POINTS)
+    peers = list(SCAN_PEERS) if options.peers == ["all"] else options.peers
+    methods = [Noisy(), *_peers(peers, of_scans=True), *_ours(options, ["auto"])]
+    results = ScanResults(options.output, fresh=options.fresh)
+    truths = [TrueScan(scan) for scan in scans]
+    rows: list[ScanRow] = []
+    for truth in truths:
+        rows += results.run(truth, methods, report=_print_scan)
+    for path in ScanReport(results, truths, rows).write(pictures=options.pictures):
+        print(path)
+    return 0
+
+
+def _peers(names: list[str], *, of_scans: bool = False) -> list[Method | Choice]:
+    """Return the named peers; a sentence on standard error for each whose program is missing."""
+    from ..benchmark.filters import missing_programs, scan_peers, with_programs
+
+    missing = missing_programs(names)
+    for sentence in missing.values():
+        print(sentence, file=sys.stderr)
+    there = [name for name in names if name not in missing]
+    return scan_peers(there) if of_scans else with_programs(there)
+
+
+def _ours(options: argparse.Namespace, iterations: list[int | Literal["auto"]]) -> list[Method]:
+    from ..benchmark.methods import our_methods
+    from ..models.catalog import DEFAULT_MODEL
+
+    return our_methods(
+        options.models or [DEFAULT_MODEL],
+        options.iterations or iterations,
+        device=options.device,
+        precision=options.precision,
+    )
 
 
 def _clouds(options: argparse.Namespace) -> list[CleanCloud]:
@@ -125,6 +195,17 @@ def _print(row: Row, new: bool) -> None:
     print(
         f"{row.cloud:<14} {row.noise} {row.level:<4g} % {row.method:<22} CD {row.chamfer_distance:8.3f}"
         f"  P2S {row.point_to_surface:7.3f}  normals {row.normal_mean:5.2f} / {row.normal_rms:5.2f}"
+        f"  {row.seconds:6.1f} s{'' if new else '  (kept)'}",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _print_scan(row: ScanRow, new: bool) -> None:
+    harm = "" if row.worse_by_sigma is None else f"  worse {100 * row.worse_by_sigma:5.2f} %"
+    thin = "" if row.thin is None else f"  thin {row.thin:8.3f}"
+    print(
+        f"{row.scan:<26} {row.method:<28} {row.distance:8.3f}{harm}{thin}  normals {row.angle:5.2f}"
         f"  {row.seconds:6.1f} s{'' if new else '  (kept)'}",
         file=sys.stderr,
         flush=True,

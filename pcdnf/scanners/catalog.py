@@ -91,7 +91,7 @@ def _terrestrial_street(rng: Generator, name: str, points: int) -> Scan:
 
 
 def _mobile_street(rng: Generator, name: str, points: int) -> Scan:
-    """A car drives through a street, once or there and back."""
+    """Simulate a car that drives through a street, once or there and back."""
     scene, half = street(rng)
     count = int(rng.integers(1, 3))
     length, step = rng.uniform(15, 30), np.radians(rng.uniform(0.15, 0.4))
@@ -159,7 +159,7 @@ def _depth_view(rng: Generator) -> tuple[Surface, np.ndarray, np.ndarray]:
 
 
 def _structured_light(rng: Generator, name: str, points: int) -> Scan:
-    """A machine part on a turntable."""
+    """Scan a machine part on a turntable."""
     return structured_light.scan(
         rng,
         name,
@@ -175,7 +175,7 @@ def _structured_light(rng: Generator, name: str, points: int) -> Scan:
 
 
 def _photogrammetry(rng: Generator, name: str, points: int) -> Scan:
-    """A statue, or a house front."""
+    """Match images of a statue, or a house front."""
     whole = rng.random() < 0.7
     return photogrammetry.scan(
         rng,
@@ -192,7 +192,7 @@ def _photogrammetry(rng: Generator, name: str, points: int) -> Scan:
 
 
 def _graded(rng: Generator, name: str, points: int) -> Scan:
-    """A statue or a part with white noise that varies manyfold over it, evenly sampled: a control."""
+    """Sample a statue or a part with white noise that varies manyfold over it, evenly sampled: a control."""
     body = statue(rng) if rng.random() < 0.6 else part(rng)
     return photogrammetry.scan(
         rng,

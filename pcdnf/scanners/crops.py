@@ -64,7 +64,7 @@ class Cropper:
         self._error = ((scan.points - scan.clean) * scan.normals).sum(1)
 
     def crop(self, rng: Generator, fewest: int) -> Crop | None:
-        """A random crop, a quarter of them about thin parts; None where the scan is too sparse for one.
+        """Return a random crop, a quarter of them about thin parts; None where the scan is too sparse for one.
 
         ``fewest`` is the number of points that a flat patch holds at least.
         """

@@ -56,7 +56,7 @@ class DepthCamera:
     farthest: float = 5.0
 
     def resized(self, width: int) -> DepthCamera:
-        """The same camera with other pixels."""
+        """Return the same camera with other pixels."""
         scale = width / self.width
         return DepthCamera(
             width,
@@ -165,7 +165,7 @@ def _windowed(noise: Floats, window: float) -> Floats:
 
 
 def _with_flying_pixels(rng: Generator, camera: DepthCamera, depth: Floats, valid: Bools) -> Floats:
-    """The depth (H, W) with a share of the pixels at its edges between the depths on both sides."""
+    """Return the depth (H, W) with a share of the pixels at its edges between the depths on both sides."""
     near = minimum_filter(np.where(valid, depth, np.inf), 3)
     far = maximum_filter(depth, 3)
     edge = valid & np.isfinite(near) & (far - near > 0.03 + 4 * camera.noise * depth**2)

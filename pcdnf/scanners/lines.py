@@ -46,12 +46,12 @@ class Pass:
 
 
 def mobile_beam(rng: Generator) -> Beam:
-    """A profile scanner on a car."""
+    """Return a profile scanner on a car."""
     return Beam(rng.uniform(3e-3, 8e-3), 60.0, 2.5e-3, 2.5e-4, 0.5, longest=120.0)
 
 
 def airborne_beam(rng: Generator) -> Beam:
-    """A scanner under an aircraft."""
+    """Return a scanner under an aircraft."""
     return Beam(rng.uniform(1.2e-2, 2.5e-2), 800.0, 1e-2, rng.uniform(1.2e-4, 2.5e-4), 1.5, 2e-5, longest=3000.0)
 
 

@@ -33,7 +33,7 @@ class RegistrationError:
 
 
 def registration_error(rng: Generator, about: Floats, shift: float, turn: float) -> RegistrationError:
-    """A random one; ``shift`` and ``turn`` (radians) are standard deviations along and about each axis."""
+    """Return a random one; ``shift`` and ``turn`` (radians) are standard deviations along and about each axis."""
     vector = rng.normal(0, turn, 3)
     return RegistrationError(
         np.asarray(Rotation.from_rotvec(vector).as_matrix()), rng.normal(0, shift, 3), np.asarray(about, float)

@@ -56,7 +56,7 @@ class Scan:
         return np.asarray(self.scene.thin[self.part])
 
     def rows(self, kept: Ints | Bools) -> Scan:
-        """The scan of some of the points."""
+        """Return the scan of some of the points."""
         return Scan(
             self.name,
             self.unit,

@@ -44,7 +44,7 @@ class Scene:
         return self.vertices[self.faces]
 
     def face_normals(self) -> Floats:
-        """Unit normals of all faces, (F, 3)."""
+        """Return unit normals of all faces, (F, 3)."""
         corners = self.triangles
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.asarray(cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300))

@@ -18,18 +18,18 @@ _BOX_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], 
 
 
 def box(low: ArrayLike, high: ArrayLike) -> Mesh:
-    """A box between two corners, axis-parallel."""
+    """Return a box between two corners, axis-parallel."""
     low, high = np.asarray(low, float), np.asarray(high, float)
     return low + _BOX_CORNERS * (high - low), _BOX_FACES.copy()
 
 
 def hexahedron(bottom: ArrayLike, top: ArrayLike) -> Mesh:
-    """A body between two quadrilaterals (4, 3), both counter-clockwise from above."""
+    """Return a body between two quadrilaterals (4, 3), both counter-clockwise from above."""
     return np.concatenate([np.asarray(bottom, float), np.asarray(top, float)]), _BOX_FACES.copy()
 
 
 def tube(path: ArrayLike, radius: ArrayLike, sides: int = 12) -> Mesh:
-    """A closed tube along a path (P, 3); ``radius`` is one number or one for each point of the path."""
+    """Return a closed tube along a path (P, 3); ``radius`` is one number or one for each point of the path."""
     path = np.asarray(path, float)
     reach = np.broadcast_to(np.asarray(radius, float), len(path))
     along = np.gradient(path, axis=0)
@@ -51,13 +51,13 @@ def tube(path: ArrayLike, radius: ArrayLike, sides: int = 12) -> Mesh:
 
 
 def cylinder(base: ArrayLike, height: float, radius: float, sides: int = 24) -> Mesh:
-    """An upright cylinder on ``base``."""
+    """Return an upright cylinder on ``base``."""
     base = np.asarray(base, float)
     return tube(np.stack([base, base + [0, 0, height]]), radius, sides)
 
 
 def lathe(base: ArrayLike, profile: ArrayLike, sides: int = 48) -> Mesh:
-    """An upright body of revolution; ``profile`` (P, 2) holds radius and height."""
+    """Return an upright body of revolution; ``profile`` (P, 2) holds radius and height."""
     profile, base = np.asarray(profile, float), np.asarray(base, float)
     angle = np.arange(sides) * 2 * np.pi / sides
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], 1)
@@ -66,14 +66,14 @@ def lathe(base: ArrayLike, profile: ArrayLike, sides: int = 48) -> Mesh:
 
 
 def sphere(centre: ArrayLike, radius: ArrayLike, rings: int = 24) -> Mesh:
-    """A sphere, or an ellipsoid of three radii."""
+    """Return a sphere, or an ellipsoid of three radii."""
     angle = np.linspace(0, np.pi, rings + 1)
     vertices, faces = lathe(np.zeros(3), np.stack([np.sin(angle), -np.cos(angle)], 1), 2 * rings)
     return np.asarray(centre, float) + vertices * np.asarray(radius, float), faces
 
 
 def height_field(xs: Floats, ys: Floats, height: Callable[[Floats, Floats], Floats]) -> Mesh:
-    """A surface over a grid; ``height`` takes and returns arrays of one shape."""
+    """Return a surface over a grid; ``height`` takes and returns arrays of one shape."""
     x, y = np.meshgrid(xs, ys, indexing="ij")
     vertices = np.stack([x, y, height(x, y)], -1).reshape(-1, 3)
     return vertices, _grid_faces(len(xs), len(ys), closed=False)[:, ::-1]
@@ -96,7 +96,7 @@ def sagging(start: ArrayLike, end: ArrayLike, sag: float, points: int = 24) -> F
 
 
 def turned(mesh: Mesh, yaw: float, about: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A piece turned about a vertical axis."""
+    """Return a piece turned about a vertical axis."""
     about = np.asarray(about, float)
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
@@ -104,7 +104,7 @@ def turned(mesh: Mesh, yaw: float, about: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 
 
 def moved(mesh: Mesh, by: ArrayLike) -> Mesh:
-    """A piece moved by a vector."""
+    """Return a piece moved by a vector."""
     return mesh[0] + np.asarray(by, float), mesh[1]
 
 

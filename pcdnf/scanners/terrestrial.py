@@ -32,7 +32,7 @@ class Sector:
 
 
 def random_beam(rng: Generator) -> Beam:
-    """A phase scanner (short echoes, quiet) or a pulse scanner."""
+    """Return a phase scanner (short echoes, quiet) or a pulse scanner."""
     if rng.random() < 0.5:
         return Beam(rng.uniform(0.3e-3, 1.2e-3), rng.uniform(15, 30), 1.1e-3, rng.uniform(1e-4, 1.5e-4), 0.6)
     return Beam(rng.uniform(0.8e-3, 3e-3), rng.uniform(30, 60), 2e-3, rng.uniform(1e-4, 1.8e-4), 0.4)

@@ -17,7 +17,7 @@ ROUND = 128
 
 
 def part(rng: Generator) -> Scene:
-    """A part of 60 to 160 mm.
+    """Return a part of 60 to 160 mm.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def part(rng: Generator) -> Scene:
 
 
 def _outside(parts: Scene, union: Mesh) -> Scene:
-    """The surface of the union, whose faces take the part nearest to them: no walls inside of the body."""
+    """Return the surface of the union, whose faces take the part nearest to them: no walls inside of the body."""
     from ..surface import Surface
 
     vertices, faces = union

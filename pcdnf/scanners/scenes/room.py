@@ -14,7 +14,7 @@ WALL = 0.15
 
 
 def room(rng: Generator) -> tuple[Scene, Floats]:
-    """A room, and where one may stand in it: its inner size (3,), from a corner at the origin."""
+    """Return a room, and where one may stand in it: its inner size (3,), from a corner at the origin."""
     size = np.array([rng.uniform(3.5, 7.5), rng.uniform(3.0, 6.0), rng.uniform(2.4, 3.1)])
     scene = SceneBuilder()
     scene.add("floor", box([-WALL, -WALL, -0.1], [size[0] + WALL, size[1] + WALL, 0]))
@@ -33,7 +33,7 @@ def room(rng: Generator) -> tuple[Scene, Floats]:
 
 
 def table_top(rng: Generator) -> tuple[Scene, Floats]:
-    """A table with things on it before a wall, and the middle of its top (3,)."""
+    """Return a table with things on it before a wall, and the middle of its top (3,)."""
     scene = SceneBuilder()
     height, half = rng.uniform(0.65, 0.8), rng.uniform(0.45, 0.8)
     scene.add("floor", box([-2.5, -1.5, -0.1], [2.5, 1.8, 0]))

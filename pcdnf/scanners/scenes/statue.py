@@ -17,7 +17,7 @@ LEVEL = 0.5
 
 
 def statue(rng: Generator) -> Scene:
-    """A body of several blobs with fine relief; its mesh is the truth.
+    """Return a body of several blobs with fine relief; its mesh is the truth.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from ..solids import box, cylinder, height_field, hexahedron, leaves, sagging, s
 
 
 def street(rng: Generator, length: float = 60.0) -> tuple[Scene, float]:
-    """A street with the middle of its road on the x axis, and half of its width between the facades."""
+    """Return a street with the middle of its road on the x axis, and half of its width between the facades."""
     half = rng.uniform(6.0, 10.0)
     scene = SceneBuilder()
     _ground(rng, scene, length, half)
@@ -36,7 +36,7 @@ def facade(rng: Generator) -> Scene:
 
 
 def _ground(rng: Generator, scene: SceneBuilder, length: float, half: float) -> None:
-    """A cambered road between kerbs and pavements."""
+    """Add a cambered road between kerbs and pavements."""
     bumps, kerb, road = SmoothField(rng, 3.0, 2), rng.uniform(0.08, 0.15), half - rng.uniform(1.8, 2.6)
 
     def height(x: Floats, y: Floats) -> Floats:
@@ -51,13 +51,13 @@ def _ground(rng: Generator, scene: SceneBuilder, length: float, half: float) -> 
 
 
 def _house(rng: Generator, scene: SceneBuilder, x: float, width: float, side: float, half: float) -> None:
-    """A house front of piers and bands, windows set back, sills, cornice, balconies, a downpipe."""
+    """Add a house front of piers and bands, windows set back, sills, cornice, balconies, a downpipe."""
     storeys, bays = int(rng.integers(2, 5)), max(2, int(width / rng.uniform(2.0, 3.0)))
     storey, depth, back = rng.uniform(2.8, 3.4), rng.uniform(0.12, 0.3), half + rng.uniform(0, 0.4)
     pitch, base = width / bays, 0.0
 
     def front(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
-        """A box in (along, outwards from the front, up), turned to its side of the street."""
+        """Return a box in (along, outwards from the front, up), turned to its side of the street."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         ends = sorted((side * (back - y0), side * (back - y1)))
         return box([x + x0, ends[0], z0], [x + x1, ends[1], z1])
@@ -160,7 +160,7 @@ def _tree(rng: Generator, scene: SceneBuilder, at: Floats) -> None:
 
 
 def _car(rng: Generator, scene: SceneBuilder, at: Floats) -> None:
-    """A body with a cabin and four wheels."""
+    """Add a body with a cabin and four wheels."""
     length, width, waist, roof = rng.uniform(3.8, 4.8), 1.75, rng.uniform(0.8, 0.95), rng.uniform(1.4, 1.6)
     lower = at + np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]) * [length, width, 0]
     body = hexahedron(lower + [0, 0, 0.2], lower * [1, 1, 0] + [0, 0, at[2] + waist])

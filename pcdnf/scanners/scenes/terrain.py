@@ -13,7 +13,7 @@ from ..solids import box, cylinder, height_field, hexahedron, leaves, moved, sag
 
 
 def terrain(rng: Generator, size: float = 160.0) -> Scene:
-    """A square of ground about the origin and what stands on it."""
+    """Return a square of ground about the origin and what stands on it."""
     scene = SceneBuilder()
     hills, bumps = SmoothField(rng, rng.uniform(40, 90), 2), SmoothField(rng, rng.uniform(4, 10), 2)
     slope, relief = rng.normal(0, 0.06, 2), rng.uniform(1, 8)
@@ -43,7 +43,7 @@ def terrain(rng: Generator, size: float = 160.0) -> Scene:
 
 
 def _building(rng: Generator, scene: SceneBuilder, at: Floats) -> None:
-    """A house with a gable roof, or a flat one with a parapet, a chimney and boxes on top."""
+    """Add a house with a gable roof, or a flat one with a parapet, a chimney and boxes on top."""
     length, width, eaves, yaw = rng.uniform(9, 18), rng.uniform(7, 11), rng.uniform(3.5, 9), rng.uniform(0, np.pi)
     foot = np.array([length, width, 0]) / 2
     scene.add("house", moved(turned(box(-foot - [0, 0, 2], foot + [0, 0, eaves]), yaw), at))
