@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..errors import PcdnfError
-from ..formats.files import read_any
+from ..formats.files import read
 from ..geometry.frames import principal_axes
 from ..geometry.normals import pca_normals
 from ..geometry.orientation import orient_normals
@@ -148,7 +148,7 @@ class PclMls:
             given, made = Path(folder, "in.pcd"), Path(folder, "out.pcd")
             _write_pcd(given, local)
             _call(["pcl_mls_smoothing", str(given), str(made), "-radius", f"{radius:.6g}", "-polynomial_order", "2"])
-            cloud = read_any(_there(made))
+            cloud = read(_there(made))
         smooth = cloud.points.astype(np.float64)
         normals = pca_normals(smooth) if cloud.normals is None else cloud.normals
         return Output(back(smooth), normals)
@@ -181,7 +181,7 @@ class MeshLab:
             _write_ply(given, local, normals)
             script.write_text(_script(self.surface, self.scale))
             _call(["xvfb-run", "-a", "meshlabserver", "-i", str(given), "-o", str(made), "-m", "vn", "-s", str(script)])
-            cloud = read_any(_there(made))
+            cloud = read(_there(made))
         smooth = cloud.points.astype(np.float64)
         return Output(back(smooth), pca_normals(smooth) if cloud.normals is None else cloud.normals)
 
