@@ -47,5 +47,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--validation-patches", type=int, default=2048)
     parser.add_argument("--validation-clouds", type=int, default=12)
     parser.add_argument("--pool", type=int, default=64, help="training clouds held in memory at once (default: 64)")
-    parser.add_argument("--scans", type=float, default=0.0, metavar="SHARE", help="share of the clouds that are simulated scans")
+    parser.add_argument(
+        "--scans", type=float, default=0.0, metavar="SHARE", help="share of the clouds that are simulated scans"
+    )
     parser.add_argument("--seed", type=int, default=0)
