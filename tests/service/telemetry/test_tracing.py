@@ -80,7 +80,7 @@ def test_one_trace_from_the_request_to_the_result(receiver: Receiver, tmp_path: 
 
 def test_a_collector_that_is_away_holds_up_no_stop(tmp_path: Path) -> None:
     code = (
-        "import time; from service import tracing; tracing.configure('x')\n"
+        "import time; from service.telemetry import tracing; tracing.configure('x')\n"
         "with tracing.span('lost'): pass\n"
         "began = time.monotonic(); tracing.close(); print(time.monotonic() - began)"
     )
@@ -102,7 +102,8 @@ def test_without_an_endpoint_nothing_is_sent(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_without_the_extra_it_says_what_to_install() -> None:
     code = (
-        "import sys; sys.modules['opentelemetry.sdk.trace'] = None; from service import tracing; tracing.configure('x')"
+        "import sys; sys.modules['opentelemetry.sdk.trace'] = None\n"
+        "from service.telemetry import tracing; tracing.configure('x')"
     )
     environment = {"OTEL_EXPORTER_OTLP_ENDPOINT": "http://127.0.0.1:1"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
