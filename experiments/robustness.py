@@ -27,8 +27,7 @@ from scipy.spatial import cKDTree
 from pcdnf import Denoiser
 from pcdnf.benchmark.clouds import block
 from pcdnf.benchmark.noise import add_noise
-from pcdnf.formats import PointCloud
-from pcdnf.formats.files import read_any
+from pcdnf.formats import PointCloud, read
 from pcdnf.geometry.frames import principal_axes
 from pcdnf.geometry.normals import pca_normals
 from pcdnf.inference.results import DenoiseResult
@@ -175,7 +174,7 @@ def main() -> None:
             lines += heading
             print(*heading, sep="\n")
             heading = []
-        cloud = middle_part(read_any(scan), arguments.most)
+        cloud = middle_part(read(scan), arguments.most)
         points = cloud.points.astype(np.float64)
         began = time.perf_counter()
         result = denoiser.denoise(points, iterations=arguments.iterations)
