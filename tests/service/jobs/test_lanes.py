@@ -12,5 +12,5 @@ def test_every_size_has_one_lane() -> None:
 
 
 def test_large_clouds_are_not_all_in_memory() -> None:
-    assert sum(each.in_hand for each in LANES if each.upto > 200_000) == 2
-    assert sum(each.in_hand * each.upto for each in LANES[:-1]) < 2_500_000
+    assert sum(each.concurrency for each in LANES if each.upto > 200_000) == 2
+    assert sum(each.concurrency * each.upto for each in LANES[:-1]) < 2_500_000

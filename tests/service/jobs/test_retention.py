@@ -115,7 +115,7 @@ def test_an_upload_that_does_not_tell_its_length_keeps_to_the_budget(make_api: M
 def test_an_api_without_a_worker_clears_its_scratch(
     make_api: MakeApi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.jobs.retention.CLEAR_SECONDS", 0.2)
+    monkeypatch.setattr("service.api.app.CLEAR_SECONDS", 0.2)
     scratch = tmp_path / "data" / "scratch"
     scratch.mkdir(parents=True)
 
