@@ -39,7 +39,7 @@ def test_nothing_is_made_where_no_service_was(tmp_path: Path) -> None:
     assert ended.returncode == EX_CONFIG
     assert "PCDNF_DATA_DIR" in ended.stderr
     assert not (tmp_path / "nothing").exists()
-    with pytest.raises(SettingsError, match="reached"):
+    with pytest.raises(SettingsError, match="does not answer"):
         drain(Settings(data_dir=tmp_path, database_url="postgresql://a:b@127.0.0.1:1/c"), on=True, wait=False)
 
 
