@@ -44,6 +44,7 @@ def test_kernels_leaves_the_modules_as_they_were() -> None:
     assert torch.equal(network(*given).displacement, expected)
 
 
+@pytest.mark.full
 def test_forms_take_turns_and_are_taken_apart(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -61,6 +62,7 @@ def test_forms_take_turns_and_are_taken_apart(
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tiles", [0, 1])
 def test_one_pass_in_a_process_of_its_own(tiles: int, capsys: pytest.CaptureFixture[str]) -> None:
     throughput.time_clouds([800], [1], "pcdnf-lite", tiles)

@@ -31,6 +31,7 @@ def test_variants_lack_what_the_paper_takes_out() -> None:
     assert (Variant("V3").losses.normal, Variant("V4").losses.point, Variant("V2").losses.normal) == (0, 0, 10)
 
 
+@pytest.mark.full
 def test_variants_train_on_the_same_patches_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, list[torch.Tensor]] = {}
     step = Trainee.step

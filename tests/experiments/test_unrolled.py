@@ -44,6 +44,7 @@ def test_the_second_pass_sees_the_first_ones_points(crop: Crop) -> None:
     assert np.median(nearest) < np.median(crop.cloud.tree.query(crop.cloud.noisy[crop.rows[:CENTRES]])[0])
 
 
+@pytest.mark.full
 def test_only_the_unrolled_loss_reaches_through(crop: Crop) -> None:
     network = loaded("pcdnf-lite").train()
     before = first_pass(network, crop)
