@@ -34,7 +34,8 @@ def split(points: NDArray[Any], names: tuple[str, str, str]) -> Columns:
 
 def joined(near: NDArray[Any], rest: NDArray[Any]) -> NDArray[np.float64]:
     """The inverse of :func:`split`, (N, 3) each."""
-    return near.astype(np.float64) + np.where(np.isfinite(rest), rest, 0)
+    points: NDArray[np.float64] = near.astype(np.float64) + np.where(np.isfinite(rest), rest, 0)
+    return points
 
 
 def for_most_readers(points: NDArray[Any], names: tuple[str, str, str]) -> tuple[Columns, list[str]]:

@@ -75,7 +75,7 @@ def _walls(rng: Generator, scene: SceneBuilder, size: Floats) -> None:
 
 
 def _radiator(scene: SceneBuilder, left: float, right: float, y: float, low: float) -> None:
-    for fin in np.arange(left + 0.05, right - 0.05, 0.06):
+    for fin in map(float, np.arange(left + 0.05, right - 0.05, 0.06)):
         scene.add("fin", box([fin, y - 0.10, 0.12], [fin + 0.015, y - 0.02, low - 0.15]), thin=True)
     scene.add("pipe", *(tube([[left, y - 0.06, z], [right, y - 0.06, z]], 0.015) for z in (0.16, low - 0.2)), thin=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import SupportsFloat
 
 import numpy as np
 from numpy.random import Generator
@@ -25,8 +26,8 @@ def terrain(rng: Generator, size: float = 160.0) -> Scene:
     axis = np.linspace(-size / 2 - 20, size / 2 + 20, 150)
     scene.add("ground", height_field(axis, axis, height))
 
-    def on_ground(x: float, y: float) -> Floats:
-        return np.array([x, y, float(height(np.array([x]), np.array([y]))[0])])
+    def on_ground(x: SupportsFloat, y: SupportsFloat) -> Floats:
+        return np.array([float(x), float(y), float(height(np.array([x], float), np.array([y], float))[0])])
 
     for x in np.arange(-size / 2 + 20, size / 2, 38):
         for y in np.arange(-size / 2 + 20, size / 2, 34):
