@@ -116,26 +116,16 @@ def _classes(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError("must be whole numbers with commas between them, such as 7,18") from None
 
 
-def _without_classes(cloud: PointCloud, classes: tuple[int, ...]) -> PointCloud:
-    """Return the cloud with the points of some classes put aside."""
-    if not classes:
-        return cloud
-    from ..formats.attributes import ignored
-
-    found = ignored(cloud, classes)
-    why = f"{len(found)} points of the classes {', '.join(map(str, classes))} were left as they are."
-    return cloud.aside(found, why)
-
-
 def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
+    from ..formats.attributes import without_classes
 
     for path in filter(None, (options.output, options.picture)):
         check_writable(path)
     check_iterations(options.iterations)
     check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
-    cloud = _without_classes(cloud, options.ignore_classes)
+    cloud = without_classes(cloud, options.ignore_classes)
     if options.outliers == "drop":
         from ..geometry.outliers import drop_outliers
 

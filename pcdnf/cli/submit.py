@@ -31,6 +31,8 @@ PARAMETERS = {
     "orient": "flip the normals to one side of the surface: true or false",
     "outliers": "points far from all others: keep or drop",
     "nonfinite": "rows that contain NaN or infinity: keep, reject or drop",
+    "ignore_classes": "LAS classes that are returned unchanged and excluded from the fit, such as 7,18",
+    "coordinates": "type of the result's coordinates: keep, float32 or float64",
 }
 """Parameters of a job. The service checks them and chooses those that are omitted."""
 DEFAULT_PATIENCE = 600.0
@@ -58,7 +60,7 @@ def add_submit(subparsers: Subparsers) -> None:
     parser.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     group = parser.add_argument_group("parameters of the jobs", "The service checks these and chooses the others.")
     for name, what in PARAMETERS.items():
-        group.add_argument(f"--{name}", metavar=name[0].upper(), help=what)
+        group.add_argument(f"--{name.replace('_', '-')}", metavar=name[0].upper(), help=what)
     parser.set_defaults(run=_submit)
 
 

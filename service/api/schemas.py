@@ -40,6 +40,8 @@ EXAMPLE: dict[str, Any] = {
         "orient": False,
         "outliers": "keep",
         "nonfinite": "keep",
+        "ignore_classes": "",
+        "coordinates": "keep",
     },
     "execution": {
         "model": "pcdnf-lite",

@@ -52,6 +52,11 @@ class Job:
         return self.status in LIVE
 
 
+def ignored_classes(text: str) -> list[int]:
+    """Return the numbers of the parameter `ignore_classes`, such as ``7,18``; none for an empty text."""
+    return [int(part) for part in text.split(",") if part]
+
+
 def new_id() -> str:
     """Return the id of a new job: 128 random bits in hex."""
     return secrets.token_hex(16)

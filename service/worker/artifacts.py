@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from pcdnf.file_formats import TEXT_FORMATS
 from pcdnf.formats import Limits, PointCloud, read
+from pcdnf.formats.attributes import without_classes
 from pcdnf.geometry.outliers import drop_outliers
 
 from ..jobs.files import UPLOAD, job_file
-from ..jobs.job import Job
+from ..jobs.job import Job, ignored_classes
 from ..storage.base import own_name, writing
 from .context import Runtime
 
@@ -84,7 +85,7 @@ def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[A
 
 
 def read_upload(runtime: Runtime, job: Job) -> PointCloud:
-    """Read the upload under the limits of its check, and drop outliers if the job asks for it.
+    """Read the upload under the limits of its check; put classes aside and drop outliers if the job asks for it.
 
     Raises
     ------
@@ -97,4 +98,5 @@ def read_upload(runtime: Runtime, job: Job) -> PointCloud:
     )
     with runtime.storage.reading(job_file(job.id, UPLOAD)) as path:
         cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
+    cloud = without_classes(cloud, ignored_classes(job.parameters.get("ignore_classes", "")))
     return drop_outliers(cloud) if job.parameters["outliers"] == "drop" else cloud

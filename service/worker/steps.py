@@ -236,7 +236,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
         file = own_name(f"result.{name}")
         try:
             with writing(runtime.storage, job_file(job.id, file)) as path:
-                notes = write(path, cloud, format=name)
+                notes = write(path, cloud, format=name, coordinates=parameters.get("coordinates", "keep"))
                 facts = result_facts(path, file)
         except PcdnfError as error:
             if name == given.flavour.format:

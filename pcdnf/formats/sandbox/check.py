@@ -15,6 +15,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from ..attributes import without_classes
 from ..files import read
 from ..limits import Limits
 from .limits import add_restraints, guarded, restrain
@@ -28,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("path")
     parser.add_argument("--limits-json", default="{}", help="fields of pcdnf.formats.Limits")
     parser.add_argument("--text", action="store_true", help="without known first bytes it is columns of text")
+    parser.add_argument("--ignore-classes", type=json.loads, default=[], help="classes that are put aside: [7, 18]")
     add_restraints(parser)
     given = parser.parse_args(arguments)
     try:
@@ -35,12 +37,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (TypeError, ValueError) as error:
         parser.error(f"--limits-json: {error}")
     restrain(given.memory_bytes, given.cpu_seconds)
-    print(json.dumps(guarded(lambda: describe(given.path, limits, text=given.text))))
+    print(json.dumps(guarded(lambda: describe(given.path, limits, text=given.text, classes=given.ignore_classes))))
 
 
-def describe(path: str, limits: Limits, *, text: bool) -> dict[str, Any]:
+def describe(path: str, limits: Limits, *, text: bool, classes: Sequence[int] = ()) -> dict[str, Any]:
     """What :func:`main` prints for a file that can be read."""
-    cloud = read(path, limits=limits, text=text)
+    cloud = without_classes(read(path, limits=limits, text=text), classes, limits)
     return {
         "ok": True,
         "format": cloud.flavour.format,

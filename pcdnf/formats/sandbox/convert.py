@@ -14,9 +14,10 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, get_args
 
 from ...file_formats import available
+from ..coordinates import Coordinates
 from ..files import read, write
 from ..limits import Limits
 from .limits import add_restraints, guarded, restrain
@@ -30,15 +31,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("source")
     parser.add_argument("target")
     parser.add_argument("format", choices=available())
+    parser.add_argument("--coordinates", choices=get_args(Coordinates), default="keep")
     add_restraints(parser)
     given = parser.parse_args(arguments)
     restrain(given.memory_bytes, given.cpu_seconds)
-    print(json.dumps(guarded(lambda: convert(given.source, given.target, given.format))))
+    print(json.dumps(guarded(lambda: convert(given.source, given.target, given.format, given.coordinates))))
 
 
-def convert(source: str, target: str, format_: str) -> dict[str, Any]:
+def convert(source: str, target: str, format_: str, coordinates: Coordinates = "keep") -> dict[str, Any]:
     """What :func:`main` prints when all goes well."""
-    return {"ok": True, "warnings": write(target, read(source, limits=Limits()), format=format_)}
+    cloud = read(source, limits=Limits())
+    return {"ok": True, "warnings": write(target, cloud, format=format_, coordinates=coordinates)}
 
 
 if __name__ == "__main__":

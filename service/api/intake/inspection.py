@@ -53,6 +53,7 @@ class Inspector:
             "nonfinite": parameters.nonfinite,
         }
         options = ["--limits-json", json.dumps(limits), *(["--text"] if text else [])]
+        options += ["--ignore-classes", json.dumps(parameters.classes)]
         answer = await self._sandbox.ask("pcdnf.formats.sandbox.check", str(path), *options)
         if not answer["ok"]:
             raise file_problem(answer)

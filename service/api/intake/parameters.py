@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from pcdnf.inference.options import ChoiceError, check_fast, check_iterations, check_radius
 
+from ...jobs.job import ignored_classes
 from ...problems import Problem, from_validation
 from ...settings import Settings
 from .. import schemas
@@ -76,6 +77,23 @@ class Parameters(BaseModel):
         description="What to do about points that are NaN or infinite: return them in their places, refuse the file, "
         "or leave them out",
     )
+    ignore_classes: str = Field(
+        "",
+        pattern=r"^([0-9]{1,3}(,[0-9]{1,3}){0,31})?$",
+        description="Classes of a LAS or LAZ whose points come back as they are and are left out of the fit, such as "
+        "noise: `7,18`",
+        examples=["7,18"],
+    )
+    coordinates: Literal["keep", "float32", "float64"] = Field(
+        "keep",
+        description="Type of the result's coordinates. `float32` far from the origin are moved by an offset that the "
+        "result records. LAS, LAZ and E57 have types of their own",
+    )
+
+    @property
+    def classes(self) -> list[int]:
+        """The numbers of `ignore_classes`."""
+        return ignored_classes(self.ignore_classes)
 
 
 def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Parameters:

@@ -71,7 +71,10 @@ class Converter:
         with ExitStack() as stack:
             stack.callback(scratch.unlink, missing_ok=True)
             source = await run_in_threadpool(stack.enter_context, self._storage.reading(result_file(job, own)))
-            answer = await self._sandbox.ask("pcdnf.formats.sandbox.convert", str(source), str(scratch), format_)
+            options = ["--coordinates", job.parameters.get("coordinates", "keep")]
+            answer = await self._sandbox.ask(
+                "pcdnf.formats.sandbox.convert", str(source), str(scratch), format_, *options
+            )
             if answer.get("code") == "disk_full":
                 raise disk_full()
             if not answer["ok"]:

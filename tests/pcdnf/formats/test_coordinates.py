@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, write
-from pcdnf.formats.attributes import ignored
+from pcdnf.formats import FormatError, Limits, NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, write
+from pcdnf.formats.attributes import without_classes
 
 NEAR = np.random.default_rng(0).normal(size=(400, 3))
 OFFSET = np.array([500_000, 5_400_000, 0])
@@ -54,8 +54,12 @@ def test_points_put_aside_come_back_as_they_are(tmp_path: Path) -> None:
     cloud = PointCloud(points=points, normals=np.ones((6, 3)), attributes={"classification": classes})
     write(tmp_path / "a.ply", cloud)
     given = read(tmp_path / "a.ply")
-    rest = given.aside(ignored(given, (7, 18)), "noise was left as it is.")
+    rest = without_classes(given, (7, 18))
     assert len(rest) == 3
+    assert "2 points of the classes 7, 18 were left as they are." in rest.warnings
+    assert without_classes(given, ()) is given
+    with pytest.raises(FormatError, match="3 points; at least 4"):
+        without_classes(given, (7, 18), Limits(minimum_points=4))
     whole = rest.replaced(rest.points + 1, -np.ones((3, 3))).whole()
     np.testing.assert_array_equal(whole.points[[1, 3]], points[[1, 3]])
     np.testing.assert_array_equal(whole.points[[0, 2, 5]], points[[0, 2, 5]] + 1)

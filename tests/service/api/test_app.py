@@ -279,3 +279,29 @@ def test_list(running: Service, done: dict[str, Any]) -> None:
     assert older[0]["id"] == jobs[1]["id"]
     for query in ("limit=0", "limit=101", "before=x", "page=2"):
         assert running.client.get(f"/jobs?{query}").json()["code"] == "invalid_parameters"
+
+
+def test_ignored_classes_and_the_type_of_coordinates_hold_in_every_format(running: Service, tmp_path: Path) -> None:
+    origin = np.array([500_000.0, 5_400_000, 0])
+    points = np.concatenate([sphere(300), [[4, 4, 4], [5, 5, 5]]]) + origin
+    classes = np.r_[np.full(300, 2), 7, 18].astype(np.uint8)
+    write(tmp_path / "a.las", PointCloud(points=points, attributes={"classification": classes}), format="las")
+    given = read(tmp_path / "a.las").points
+    job = running.submit(tmp_path / "a.las", iterations=1, ignore_classes="7,18", coordinates="float32")
+    job = running.wait_status(job["id"], "succeeded", "failed")
+    assert job["status"] == "succeeded", job["problem"]
+    assert (job["upload"]["points"], job["progress"]["total"]) == (300, 300)
+    assert any("2 points of the classes 7, 18" in warning for warning in job["warnings"])
+    for format_ in ("las", "ply", "pcd"):
+        content = running.client.get(f"{job['links']['self']}/result?format={format_}").content
+        (tmp_path / "b").write_bytes(content)
+        cloud = read(tmp_path / "b")
+        shift = np.array(cloud.metadata["offset"].split(), float) if format_ != "las" else 0
+        assert cloud.points.dtype == (np.float64 if format_ == "las" else np.float32)
+        moved = np.abs(cloud.points + shift - given).max(axis=1)
+        assert moved[:300].max() > 1e-3 > moved[300:].max()
+
+
+def test_classes_of_a_cloud_without_any_are_refused(api: httpx.Client, small: Path) -> None:
+    response = api.post("/denoise?ignore_classes=7", files={"file": small.read_bytes()})
+    assert (response.status_code, response.json()["code"]) == (422, "missing_column")

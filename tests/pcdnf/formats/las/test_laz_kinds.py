@@ -1,4 +1,4 @@
-"""Kinds of LAS and LAZ that other programs write: chunks of any size, no chunks, newer versions. Made of valid files."""
+"""Kinds of LAS and LAZ of other programs, made of valid files: chunks of any size, no chunks, newer versions."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def test_form_with_parameters_on_both_sides_of_the_file(api: httpx.Client, small
     assert response.status_code == 202
     assert response.json()["parameters"] == {
         "iterations": 2, "radius": "auto", "model": "pcdnf-lite", "seed": 7, "normals": "auto", "orient": False,
-        "outliers": "keep", "nonfinite": "keep", "fast": False,
+        "outliers": "keep", "nonfinite": "keep", "fast": False, "ignore_classes": "", "coordinates": "keep",
     }  # fmt: skip
     assert response.json()["upload"]["name"] == "a"
 
@@ -142,6 +142,8 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
         ("model=../x", "model: there is no model named '../x'."),
         ("normals=none", "'auto', 'pca' or 'input'"),
         ("nonfinite=mend", "'keep', 'reject' or 'drop'"),
+        ("ignore_classes=noise", "ignore_classes"),
+        ("coordinates=float16", "'keep', 'float32' or 'float64'"),
         ("seed=1&seed=2", "given twice, with different values"),
     ],
 )
