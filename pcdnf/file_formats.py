@@ -60,6 +60,9 @@ TEXT_FORMATS = tuple(name for name, format_ in FORMATS.items() if not format_.ma
 SUFFIXES = {suffix: name for name, format_ in FORMATS.items() for suffix in format_.suffixes}
 """File extensions and their formats."""
 
+UNWRITTEN_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".splat", ".spz")
+"""Extensions of meshes and splats, as which no result is written; the faces of OBJ, OFF and STL go into a PLY."""
+
 
 def available() -> list[str]:
     """List the names of the formats that can be read and written here."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import PcdnfError
-from ..file_formats import SUFFIXES, TEXT_FORMATS, titles
+from ..file_formats import SUFFIXES, TEXT_FORMATS, UNWRITTEN_SUFFIXES, titles
 from ..inference.options import check_iterations, check_radius
 from .common import check_writable
 
@@ -122,6 +122,12 @@ def _denoise(options: argparse.Namespace) -> int:
 
     for path in filter(None, (options.output, options.picture)):
         check_writable(path)
+    if options.output.suffix.lower() in UNWRITTEN_SUFFIXES:
+        raise PcdnfError(
+            f"Results are not written as {options.output.suffix[1:].upper()}.",
+            code="unwritable_file",
+            hint="Name the result .ply: the faces of a mesh come back in it.",
+        )
     check_iterations(options.iterations)
     check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))

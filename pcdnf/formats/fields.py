@@ -21,6 +21,15 @@ FIELDS: dict[str, dict[str, Fate]] = {
         "other elements, where vertices are left out": "warned",
         "rows that the header does not declare": "warned",
     },
+    "OBJ, OFF, STL (results are PLY)": {
+        "vertices": "replaced",
+        "colours and normals of vertices": "carried",
+        "faces": "carried",
+        "comments": "carried",
+        "normals of corners and triangles, texture coordinates": "warned",
+        "materials, groups, lines, curves": "warned",
+        "colours of faces, marks of triangles": "warned",
+    },
     "NPZ": {
         "points": "replaced",
         "normals": "replaced",

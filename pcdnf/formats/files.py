@@ -25,6 +25,7 @@ from .flavours import PcdFlavour, PlyFlavour
 from .las.codec import arranged, read_las, write_las
 from .las.grid import COARSEST
 from .limits import Limits
+from .mesh.codec import HEAD_BYTES, mesh_kind, read_mesh
 from .npz.codec import read_npz, write_npz
 from .pcd.codec import read_pcd, write_pcd
 from .ply.codec import read_ply, write_ply
@@ -67,22 +68,43 @@ _OWN_TYPES = ("las", "laz", "e57")
 
 OTHERS = {
     b"glTF": "a binary glTF (GLB)",
-    b"solid ": "an STL mesh",
-    b"OFF": "an OFF mesh",
-    b"COFF": "an OFF mesh",
-    b"NOFF": "an OFF mesh",
+    b"{": "JSON, such as a glTF",
+    b"solid ": "an STL mesh without triangles",
+    b"OFF": "a binary OFF mesh",
+    b"Kaydara FBX": "an FBX scene",
     b"\x1f\x8b": "compressed by gzip, such as SPZ splats",
+    b"\x89HDF": "an HDF5 file",
     b"AC10": "a DWG drawing",
     b"ncp": "a Leica or Bentley point cloud",
 }
 """First bytes of files that people have and that are not read."""
+OTHER_SUFFIXES = {
+    ".splat": "Gaussian splats without a signature",
+    ".ksplat": "Gaussian splats of a web viewer",
+    ".dxf": "a DXF drawing",
+    ".fls": "a FARO scan",
+    ".rcs": "an Autodesk ReCap scan",
+    ".rcp": "an Autodesk ReCap project",
+    ".zfs": "a Zoller + Froehlich scan",
+    ".rxp": "a RIEGL scan",
+    ".bin": "a binary file without a signature, such as one of CloudCompare or KITTI",
+}
+"""Endings of names for files that have no first bytes of their own, and are not read."""
 
-_MAGIC_BYTES = 8
+_MAGIC_BYTES = 16
 _MAGIC_LINES_BYTES = 2048
 
 
-def sniff(head: bytes, *, text: bool = False) -> str:
-    """The format of a file by its first bytes (8 are enough); "xyz" for others when ``text`` says so.
+def sniff(head: bytes, *, text: bool = False, suffix: str = "") -> str:
+    """The format of a file by its first bytes (16 are enough); "xyz" for others when ``text`` says so.
+
+    Parameters
+    ----------
+    head : bytes
+    text : bool
+        Whether other first bytes are those of columns of text.
+    suffix : str
+        The ending of the file's name, by which a refusal says what it is.
 
     Raises
     ------
@@ -97,13 +119,11 @@ def sniff(head: bytes, *, text: bool = False) -> str:
         raise FormatError("The file is empty.", code="empty_file", hint=f"Send {titles()}.")
     if text:
         return "xyz"
-    for magic, title in OTHERS.items():
-        if head.startswith(magic):
-            raise FormatError(
-                f"The file is {title}, which is not read.",
-                code="unknown_format",
-                hint="Export its points as PLY or LAZ.",
-            )
+    title = next((title for magic, title in OTHERS.items() if head.startswith(magic)), OTHER_SUFFIXES.get(suffix))
+    if title is not None:
+        raise FormatError(
+            f"The file is {title}, which is not read.", code="unknown_format", hint="Export its points as PLY or LAZ."
+        )
     raise FormatError(
         f"The file is not of a known format: its first bytes are none of those of {titles()}.",
         code="unknown_format",
@@ -144,9 +164,14 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bo
                 limit=limits.max_bytes,
                 actual=size,
             )
-        kind = sniff(file.read(_MAGIC_BYTES), text=_is_text(path) if text is None else text)
+        head = file.read(HEAD_BYTES)
         file.seek(0)
-        if kind == "xyz" and (Path(path).suffix.lower() == ".ptx" or (text and _is_ptx(file))):
+        mesh = mesh_kind(head, size)
+        if mesh is not None:
+            return without_steps(read_mesh(file, mesh, limits))
+        suffix = Path(path).suffix.lower()
+        kind = sniff(head[:_MAGIC_BYTES], text=_is_text(path) if text is None else text, suffix=suffix)
+        if kind == "xyz" and (suffix == ".ptx" or (text and _is_ptx(file))):
             kind = "ptx"
         return without_steps(CODECS[kind].read(file, size, limits))
 

@@ -12,7 +12,7 @@ from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, write
 KINDS = (
     "ply-ascii", "ply-binary_little_endian", "ply-binary_big_endian", "npz-stored", "npz-deflated", "pcd-ascii",
     "pcd-binary", "pcd-binary_compressed", "xyz", "csv", "pts", "ptx", "las", "laz", "laz-copc", "e57", "npz-array",
-    "ply-lists",
+    "ply-lists", "mesh-obj", "mesh-off", "mesh-stl",
 )  # fmt: skip
 POINTS = 9
 
@@ -42,6 +42,8 @@ def seed(kind: str, folder: Path) -> bytes:
         return (folder / "seed.npy").read_bytes()
     if kind == "ply-lists":
         return _with_lists(cloud)
+    if format_ == "mesh":
+        return _mesh(detail, cloud)
     name = "seed.copc.laz" if kind == "laz-copc" else "seed"
     write(folder / name, cloud, format=format_)
     return (folder / name).read_bytes()
@@ -55,6 +57,22 @@ def _with_lists(cloud: PointCloud) -> bytes:
     )
     rows = [struct.pack(f"<3fB{row % 4}H", *point, row % 4, *range(row % 4)) for row, point in enumerate(cloud.points)]
     return head.encode() + b"".join(rows) + struct.pack("<B3iB3i", 3, 0, 1, 2, 3, 2, 3, 4)
+
+
+def _mesh(kind: str, cloud: PointCloud) -> bytes:
+    """A mesh of triangles between points that follow each other."""
+    faces = [(i, i + 1, i + 2) for i in range(POINTS - 2)]
+    if kind == "stl":
+        corners = [cloud.points[list(face)].ravel() for face in faces]
+        facets = [struct.pack("<12fH", 0, 0, 1, *corner, 0) for corner in corners]
+        return bytes(80) + struct.pack("<I", len(faces)) + b"".join(facets)
+    rows = [" ".join(map(str, point)) for point in cloud.points.tolist()]
+    if kind == "off":
+        lines = ["OFF", f"{POINTS} {len(faces)} 0", *rows, *(f"3 {a} {b} {c}" for a, b, c in faces)]
+    else:
+        lines = ["# a comment", *(f"v {row}\nvn 0 0 1" for row in rows)]
+        lines += [f"f {a + 1}//{a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    return "\n".join([*lines, ""]).encode()
 
 
 def mutant(data: bytes, rng: np.random.Generator) -> bytes:

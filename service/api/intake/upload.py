@@ -15,7 +15,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
-from pcdnf.file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, available, titles
+from pcdnf.file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, UNWRITTEN_SUFFIXES, available, titles
 
 from ...problems import Problem
 from ...settings import MIB, Settings
@@ -46,7 +46,7 @@ class Upload:
 def clean_name(name: str | None) -> str:
     """Return the stem of a caller's file name, reduced to what is safe in a header and on any disk."""
     stem = re.split(r"[/\\]", name or "")[-1]
-    stem = stem[: -len(_suffix(stem))] if _suffix(stem) in SUFFIXES else stem
+    stem = stem[: -len(_suffix(stem))] if _suffix(stem) in (*SUFFIXES, *UNWRITTEN_SUFFIXES) else stem
     stem = re.sub(r"[^\w .()+-]", "_", stem).strip(" ._")
     return stem[:MAX_NAME].rstrip(" .") or FALLBACK_NAME
 
