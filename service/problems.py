@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from .faults import reason
+
 # code -> (status, title). The codes are stable; programs compare them, not the text.
 CATALOGUE: dict[str, tuple[int, str]] = {
     "bad_request": (400, "Bad request"),
@@ -116,7 +118,7 @@ class Problem(Exception):  # noqa: N818  (see below)
 
 def from_validation(errors: list[Any]) -> Problem:
     """Return the problem for pydantic's list of errors, naming each parameter."""
-    faults = [{"parameter": ".".join(map(str, e["loc"])), "reason": str(e["msg"]).removesuffix(".")} for e in errors]
+    faults = [{"parameter": ".".join(map(str, error["loc"])), "reason": reason(error)} for error in errors]
     detail = " ".join(f"{fault['parameter']}: {fault['reason']}." for fault in faults)
     return Problem("invalid_parameters", detail, hint="See /docs for the parameters and their values.", errors=faults)
 

@@ -54,15 +54,13 @@ class Settings(BaseSettings):
     data_dir: Path = Field(
         Path("data"),
         description="Folder for uploads, tiles, results and the SQLite database, on a local disk. If "
-        "PCDNF_STORAGE_URL is a "
-        "bucket, it holds files only until they are uploaded.",
+        "PCDNF_STORAGE_URL is a bucket, it holds files only until they are uploaded.",
     )
     storage_url: str | None = Field(
         None,
         description="Storage of uploads, tiles and results. Empty: PCDNF_DATA_DIR. For several machines: "
-        "`s3://bucket/prefix`, with the endpoint and keys in the usual `AWS_*` variables, or "
-        "`file:///folder`, a folder "
-        "that all machines mount.",
+        "`s3://bucket/prefix`, with the endpoint and keys in the usual `AWS_*` variables, or `file:///folder`, "
+        "a folder that all machines mount.",
     )
     database_url: str | None = Field(
         None,
@@ -78,9 +76,8 @@ class Settings(BaseSettings):
     disk_budget_bytes: int = Field(
         0,
         ge=0,
-        description="Disk space in bytes for all uploads, tiles and results. Above it, the oldest "
-        "results of the key that "
-        "uses most expire early. If that does not free enough, uploads are answered with 503. 0: no budget.",
+        description="Disk space in bytes for all uploads, tiles and results. Above it, the oldest results of the key "
+        "that uses most expire early. If that does not free enough, uploads are answered with 503. 0: no budget.",
     )
 
     max_upload_bytes: int = Field(512 * MIB, ge=1, description="Largest upload in bytes.")
@@ -129,9 +126,8 @@ class Settings(BaseSettings):
     max_streams: int = Field(
         64,
         ge=0,
-        description="Number of requests that wait for jobs at the same time, with `Prefer: wait` or "
-        "as a stream of events. "
-        "Above it, `Prefer` is ignored and streams are answered with 503.",
+        description="Number of requests that wait for jobs at the same time, with `Prefer: wait` or as a stream of "
+        "events. Above it, `Prefer` is ignored and streams are answered with 503.",
     )
 
     max_queued_points: int = Field(
@@ -157,7 +153,6 @@ class Settings(BaseSettings):
 
     device: str = Field(
         "auto",
-        pattern=r"^(auto|cpu|cuda:\d{1,3})$",
         description="`auto` (a GPU if there is one, otherwise the CPU), `cpu` or `cuda:N`.",
     )
     require_gpu: bool = Field(False, description="Refuse to start if there is no GPU, in place of using the CPU.")
@@ -171,16 +166,14 @@ class Settings(BaseSettings):
     tile_points: int = Field(
         16_384,
         ge=256,
-        description="Number of points in a tile, the unit of work that is checkpointed. A tile "
-        "should take some seconds.",
+        description="Number of points in a tile, the unit of work that is checkpointed. A tile should take some "
+        "seconds.",
     )
 
     worker_id: str | None = Field(
         None,
-        pattern=r"^[A-Za-z0-9._-]{1,64}$",
-        description="Name of the worker. Two running workers must not have the same name. Default: "
-        "`worker-0` on SQLite, "
-        "`<host name>-0` on PostgreSQL.",
+        description="Name of the worker. Two running workers must not have the same name. Default: `worker-0` on "
+        "SQLite, `<host name>-0` on PostgreSQL.",
     )
     heartbeat_seconds: float = Field(5.0, gt=0, description="Seconds between two heartbeats of a worker.")
     worker_stale_seconds: float = Field(
@@ -198,18 +191,32 @@ class Settings(BaseSettings):
         "text", description="Format of the log: `text`, or `json` with one object per line."
     )
 
+    @field_validator("device")
+    @classmethod
+    def _known_device(cls, value: str) -> str:
+        if not re.fullmatch(r"auto|cpu|cuda:\d{1,3}", value, re.ASCII):
+            raise ValueError("must be auto, cpu or cuda:N, such as cuda:0")
+        return value
+
+    @field_validator("worker_id")
+    @classmethod
+    def _plain_name(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(r"[A-Za-z0-9._-]{1,64}", value):
+            raise ValueError("must have 1 to 64 letters, digits, points, hyphens or underscores")
+        return value
+
     @field_validator("database_url")
     @classmethod
     def _known_database(cls, value: str | None) -> str | None:
         if value is not None and not value.startswith(("sqlite:///", "postgresql://", "postgresql+psycopg://")):
-            raise ValueError("use sqlite:///path or postgresql://user:password@host/name")
+            raise ValueError("must be sqlite:///path or postgresql://user:password@host/name")
         return value
 
     @field_validator("storage_url")
     @classmethod
     def _known_storage(cls, value: str | None) -> str | None:
         if value is not None and not re.match(r"s3://[^/]|file:///.", value):
-            raise ValueError("use s3://bucket/prefix or file:///folder")
+            raise ValueError("must be s3://bucket/prefix or file:///folder")
         return value
 
     @property

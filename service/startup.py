@@ -7,6 +7,7 @@ from typing import NoReturn
 
 from pydantic import ValidationError
 
+from .faults import reason
 from .settings import Settings
 from .supervision import EX_CONFIG
 from .telemetry import logs, tracing
@@ -33,7 +34,7 @@ def load_settings() -> Settings:
     except ValidationError as error:
         for fault in error.errors():
             variable = "PCDNF_" + "_".join(str(part) for part in fault["loc"]).upper()
-            print(f"pcdnf: {variable}: {fault['msg']}.", file=sys.stderr)
+            print(f"pcdnf: {variable}: {reason(fault)}.", file=sys.stderr)
         sys.exit(EX_CONFIG)
 
 

@@ -53,7 +53,7 @@ Outcome = dict[str, Any]
 
 
 def problem_of(code: str, detail: str | None = None, hint: str | None = None) -> dict[str, Any]:
-    """Return the problem a failed job shows."""
+    """Return the problem that a failed job shows; only the codes listed here may come without a detail."""
     known = {
         "disk_full": ("The service ran out of disk space.", "Submit the file again later."),
         "internal_error": (
@@ -61,9 +61,9 @@ def problem_of(code: str, detail: str | None = None, hint: str | None = None) ->
             "Look up the id of the job in the log of the worker.",
         ),
     }
-    known_detail, known_hint = known.get(code, (code, "Submit the file again."))
+    detail, hint = (detail, hint or "Submit the file again.") if detail else known[code]
     status = None if code in CATALOGUE else 422
-    return Problem(code, detail or known_detail, hint=hint or known_hint, status=status).body()
+    return Problem(code, detail, hint=hint, status=status).body()
 
 
 def result_files(results: dict[str, Any]) -> frozenset[str]:

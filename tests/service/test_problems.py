@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ast
 import errno
 import re
 from collections.abc import Iterator
@@ -99,6 +100,40 @@ def test_codes_are_snake_case_and_statuses_real() -> None:
         assert re.fullmatch(r"[a-z]+(_[a-z]+)*", code)
         assert 400 <= status <= 599
         assert title
+
+
+def raised() -> Iterator[tuple[str, ast.expr | None, ast.expr | None]]:
+    """The place, the detail and the hint of every problem in the service's code."""
+    root = Path(__file__).parents[2]
+    for path in sorted((root / "service").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Problem":
+                hint = next((keyword.value for keyword in node.keywords if keyword.arg == "hint"), None)
+                yield f"{path.relative_to(root)}:{node.lineno}", node.args[1] if len(node.args) > 1 else None, hint
+
+
+def texts(expression: ast.expr | None) -> list[str]:
+    """The texts that an expression may have, with `0` for what is filled in; none for a variable."""
+    if isinstance(expression, ast.IfExp):
+        return texts(expression.body) + texts(expression.orelse)
+    if isinstance(expression, ast.Constant):
+        return [expression.value]
+    if isinstance(expression, ast.JoinedStr):
+        return ["".join(part.value if isinstance(part, ast.Constant) else "0" for part in expression.values)]
+    return []
+
+
+def test_every_problem_says_what_is_wrong_and_what_to_do() -> None:
+    found = list(raised())
+    assert len(found) > 50
+    assert [place for place, detail, hint in found if detail is None or hint is None] == []
+    odd = [
+        (place, text)
+        for place, detail, hint in found
+        for text in texts(detail) + texts(hint)
+        if not re.fullmatch(r"[A-Z0/-].*\S\.", text) and not re.fullmatch(r"[a-z]+: .*[.0]", text)
+    ]
+    assert odd == []
 
 
 def test_every_code_is_documented() -> None:

@@ -35,7 +35,7 @@ def _radius(value: str) -> str:
 
 @contextmanager
 def _as_value_error() -> Iterator[None]:
-    """Let pydantic report what the package says."""
+    """Let pydantic report the message of the package."""
     try:
         yield
     except ChoiceError as error:
@@ -43,7 +43,7 @@ def _as_value_error() -> Iterator[None]:
 
 
 class Parameters(BaseModel):
-    """What a job is run with."""
+    """The parameters of a job."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -59,23 +59,23 @@ class Parameters(BaseModel):
         examples=["auto", "4%", "0.05"],
     )
     fast: bool = Field(
-        False, description="Whether half as many neighbours a point will do: about 1.4 times as fast, a little rougher"
+        False, description="Use half as many neighbours for each point: about 1.4 times as fast, a little less exact"
     )
     model: str = Field("", description="Name of a model of `GET /models`; empty for the default")
     seed: int = Field(0, ge=0, lt=SEED_LIMIT, description="Seed of every random choice")
     normals: Literal["auto", "pca", "input"] = Field(
         "auto",
-        description="Where the first normals come from: estimated at a scale that suits the noise, from 24 "
-        "neighbours, or those of the file. The file's normals, where it has any, decide the side in every case",
+        description="Source of the initial normals: estimated at a scale that suits the noise, from 24 neighbours, or "
+        "those of the file. If the file has normals, they decide the side in every case",
     )
-    orient: bool = Field(False, description="Whether the result's normals are turned to one side of the surface")
+    orient: bool = Field(False, description="Turn the normals of the result to one side of the surface")
     outliers: Literal["keep", "drop"] = Field(
-        "keep", description="What to do about points far from all others: the result says which rows went"
+        "keep", description="Treatment of points far from all others. After `drop` the result names the removed rows"
     )
     nonfinite: Literal["keep", "reject", "drop"] = Field(
         "keep",
-        description="What to do about points that are NaN or infinite: return them in their places, refuse the file, "
-        "or leave them out",
+        description="Treatment of points that are NaN or infinite: return them in their places, refuse the file, or "
+        "remove them",
     )
     ignore_classes: str = Field(
         "",
@@ -116,7 +116,7 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     try:
         parameters = Parameters.model_validate(values)
     except ValidationError as error:
-        raise from_validation(_in_words(error)) from error
+        raise from_validation(error.errors()) from error
     iterations = parameters.iterations
     if iterations != "auto" and iterations > settings.max_iterations:
         raise Problem(
@@ -140,17 +140,11 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     return parameters.model_copy(update={"model": name})
 
 
-def _in_words(error: ValidationError) -> list[dict[str, Any]]:
-    words = {"extra_forbidden": "there is no such parameter"}
-    return [{"loc": e["loc"], "msg": words.get(e["type"], e["msg"])} for e in error.errors()]
-
-
 def only_query(*known: str) -> Any:
     """Return a dependency that refuses every query parameter but `known`."""
 
     def check(request: Request) -> None:
-        unknown = [{"loc": (name,), "msg": "there is no such parameter"} for name in request.query_params
-                   if name not in known]  # fmt: skip
+        unknown = [{"loc": (name,), "type": "extra_forbidden"} for name in request.query_params if name not in known]
         if unknown:
             raise from_validation(unknown)
 

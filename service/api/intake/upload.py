@@ -276,7 +276,7 @@ def _malformed() -> Problem:
     return Problem(
         "invalid_upload",
         "The multipart body is malformed or incomplete.",
-        hint="Let an HTTP library write the form. With curl: -F file=@scan.ply",
+        hint="Let an HTTP library write the form, or curl with -F file=@scan.ply.",
     )
 
 
@@ -284,7 +284,7 @@ def _not_one_file(actual: int) -> Problem:
     return Problem(
         "invalid_upload",
         "The form must have exactly one part named `file`.",
-        hint="For example: curl -F file=@scan.ply …",
+        hint="Send one file, for example by curl with -F file=@scan.ply.",
         limit=1,
         actual=actual,
     )

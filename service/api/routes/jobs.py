@@ -8,6 +8,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
+from pydantic import AfterValidator, Field
 from starlette.concurrency import run_in_threadpool
 
 from pcdnf.file_formats import FORMATS
@@ -65,6 +66,12 @@ async def _follower(state: StateIn, job: JobIn) -> AsyncIterator[Follower]:
 
 
 FollowerIn = Annotated[Follower, Depends(_follower)]
+
+
+def _known_format(name: str) -> str:
+    if name not in FORMATS:
+        raise ValueError(f"must be one of {', '.join(FORMATS)}")
+    return name
 
 
 router = APIRouter(tags=["jobs"])
@@ -192,8 +199,8 @@ async def result(
     state: StateIn,
     job: JobIn,
     format_: Annotated[
-        str | None,
-        Query(alias="format", pattern=f"^({'|'.join(FORMATS)})$", description="In place of `Accept`"),
+        Annotated[str, AfterValidator(_known_format), Field(json_schema_extra={"enum": list(FORMATS)})] | None,
+        Query(alias="format", description="Format of the result, in place of `Accept`"),
     ] = None,
 ) -> Response:
     """Return the denoised cloud, as the format that came in or as the one asked for."""

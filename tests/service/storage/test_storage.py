@@ -172,5 +172,5 @@ def test_where_files_lie(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="a%20file"):
         open_storage(Settings(storage_url=taken.as_uri()), patience=1)
     for url in ("s3://", "file://relative", "http://bucket", "/folder"):
-        with pytest.raises(ValueError, match="use s3://bucket/prefix or file:///folder"):
+        with pytest.raises(ValueError, match="must be s3://bucket/prefix or file:///folder"):
             Settings(storage_url=url)
