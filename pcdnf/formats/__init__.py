@@ -1,11 +1,10 @@
-"""Point-cloud files, read by our own checked readers and written back as they came; ``pcdnf.file_formats``
-lists them.
+"""Checked readers and writers of point-cloud files; ``pcdnf.file_formats`` lists the formats.
 
 >>> from pcdnf.formats import read, write
 >>> cloud = read("scan.ply")
 >>> write("result.ply", cloud.replaced(points, normals, metadata={"device": "cpu"}))
 
-Reading takes no memory on the word of a header, evaluates nothing and unpickles nothing. This package
+Readers check the sizes in a header before they allocate memory, evaluate nothing and unpickle nothing. This package
 does not import torch.
 """
 

@@ -22,7 +22,7 @@ _WIDEST_INTEGER = 18  # digits that int64 holds for certain
 
 
 def numbers(column: NDArray[Any]) -> NDArray[Any] | None:
-    """A column of text as int64 where all of it are whole numbers, else as float64; None for other text.
+    """Return a column of text as int64 if all values are whole numbers, else as float64; None for other text.
 
     Columns that are not text come back as they are.
     """
@@ -43,7 +43,7 @@ def numbers(column: NDArray[Any]) -> NDArray[Any] | None:
 
 
 def numeric_attributes(cloud: PointCloud, title: str) -> tuple[Columns, list[str]]:
-    """The attributes as numbers, and a note for each column of words, which the format called ``title`` cannot hold."""
+    """Return the attributes as numbers, and a note for each column of words, which the format `title` cannot hold."""
     kept, notes = {}, []
     for name, column in cloud.attributes.items():
         values = numbers(column)
@@ -93,7 +93,7 @@ def _of_classes(cloud: PointCloud, classes: Sequence[int]) -> NDArray[np.int64]:
 
 
 def renamed(attributes: Columns) -> Columns:
-    """The attributes under the names that formats with fixed fields use, where these are free."""
+    """Return the attributes under the names that formats with fixed fields use, if these names are free."""
     kept: Columns = {}
     for name, column in attributes.items():
         fixed = canonical_name(name)
@@ -104,7 +104,7 @@ def renamed(attributes: Columns) -> Columns:
 def with_colours(
     attributes: Columns, top: int, title: str, brightest: float | None = None
 ) -> tuple[Columns, list[str]]:
-    """The attributes with colours as red, green, blue from 0 to ``top``, and a note where that loses something.
+    """Return the attributes with colours as red, green, blue from 0 to `top`, and a note if that loses something.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def with_colours(
 
 
 def with_intensity(attributes: Columns, title: str) -> tuple[Columns, list[str]]:
-    """The attributes with an intensity of 16 bits, and a note where that loses something."""
+    """Return the attributes with an intensity of 16 bits, and a note if that loses something."""
     column = attributes.get("intensity")
     if column is None or column.dtype == np.uint16:
         return attributes, []

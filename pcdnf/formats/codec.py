@@ -25,28 +25,46 @@ class Codec(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Return the key of the format."""
+        ...
 
     @property
-    def holds_holes(self) -> bool: ...
+    def holds_holes(self) -> bool:
+        """Return whether rows without coordinates have a place in a file."""
+        ...
 
     @property
-    def rounding(self) -> float: ...
+    def rounding(self) -> float:
+        """Return how far coordinates move at most, as a share of the distance of neighbours."""
+        ...
 
     def sniff(self, head: bytes) -> bool:
-        """Whether a file that begins with ``head`` is of this format."""
+        """Return whether a file that begins with `head` has this format."""
         ...
 
     def read(self, file: BinaryIO, size: int, limits: Limits) -> PointCloud:
-        """Read a file of ``size`` bytes that is open at its first byte; raises ``FormatError``."""
+        """Read a file of `size` bytes that is open at its first byte.
+
+        Raises
+        ------
+        FormatError
+            If the file breaks a rule of its format or a limit.
+        """
         ...
 
     def arrange(self, cloud: PointCloud) -> tuple[PointCloud, list[str]]:
-        """The cloud in the order the format asks for, and sentences on that."""
+        """Return the cloud in the order that the format requires, and sentences on the change."""
         ...
 
     def write(self, file: BinaryIO, cloud: PointCloud) -> list[str]:
-        """Write a cloud; sentences on what the format could not carry. Raises ``FormatError``."""
+        """Write a cloud, and return sentences on what the format could not carry.
+
+        Raises
+        ------
+        FormatError
+            If the format cannot hold the cloud.
+        """
         ...
 
 
@@ -70,7 +88,7 @@ class FileCodec:
         return self.reader(file, size, limits)
 
     def arrange(self, cloud: PointCloud) -> tuple[PointCloud, list[str]]:
-        """The cloud in the order the format asks for, and sentences on that."""
+        """Return the cloud in the order that the format requires, and sentences on the change."""
         return (cloud, []) if self.arranger is None else self.arranger(cloud)
 
     def write(self, file: BinaryIO, cloud: PointCloud) -> list[str]:

@@ -55,7 +55,7 @@ def _scaled(values: Column, brightest: float, top: int) -> NDArray[np.uint16]:
 
 
 def colours_of(attributes: dict[str, Column], brightest: float | None = None) -> Colours | None:
-    """The colours among the columns; None where there are none, or some are negative or beyond 16 bits.
+    """Return the colours among the columns; None if there are none, or if some are negative or above 16 bits.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def _is_plain(column: Column) -> bool:
 
 
 def _brightest(values: NDArray[Any]) -> float | None:
-    """What full brightness is: 255, 65535 (65280 where 8 bits were shifted by 8), or 1 for floats."""
+    """Return the value of full brightness: 255, 65535 (65280 if 8 bits were shifted by 8), or 1 for floats."""
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     if not finite.size:
         return BYTE
@@ -93,7 +93,7 @@ def _brightest(values: NDArray[Any]) -> float | None:
 
 
 def sixteen_bit_intensity(column: Column) -> tuple[NDArray[np.uint16] | None, str]:
-    """A column of intensity as whole numbers of 16 bits, and what was done to it.
+    """Return a column of intensity as whole numbers of 16 bits, and what was done to it.
 
     Returns
     -------

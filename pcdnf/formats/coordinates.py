@@ -21,13 +21,13 @@ _ROUND = 1000
 
 
 def spacing(points: Array) -> float:
-    """The typical distance of neighbours on a surface, from the diagonal and the number of finite points (N, 3)."""
+    """Return the typical distance of neighbours on a surface of finite points (N, 3), from diagonal and count."""
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     return math.hypot(*(high - low).tolist()) / math.sqrt(len(points))
 
 
 def without_steps(cloud: PointCloud) -> PointCloud:
-    """The cloud with float64 coordinates where the steps of its float32 ones are too coarse, which a warning says."""
+    """Return the cloud with float64 coordinates and a warning if the steps of its float32 ones are too coarse."""
     if cloud.points.dtype != np.float32:
         return cloud
     step = float(np.spacing(np.abs(cloud.points).max()))
@@ -47,7 +47,7 @@ def without_steps(cloud: PointCloud) -> PointCloud:
 
 
 def with_coordinates(cloud: PointCloud, kind: Coordinates) -> tuple[PointCloud, list[str]]:
-    """The cloud with coordinates of a type, and a sentence on what that changed.
+    """Return the cloud with coordinates of a type, and a sentence on what that changed.
 
     Parameters
     ----------

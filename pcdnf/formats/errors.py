@@ -72,7 +72,7 @@ class FormatError(PcdnfError):
 
 
 def shown(name: str, width: int = 48) -> str:
-    """A name out of a foreign file, quoted, ASCII and short enough for a sentence."""
+    """Return a name from a foreign file, quoted, in ASCII and short enough for a sentence."""
     text = ascii(name)
     return text if len(text) <= width else f"{text[:width]}…'"
 

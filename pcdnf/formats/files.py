@@ -262,7 +262,7 @@ def write(
 
 
 def _storable(cloud: PointCloud, codec: Codec) -> tuple[PointCloud, list[str]]:
-    """The cloud as its rows go into a file: with its holes where these have a place, in the order of the format."""
+    """Return the cloud as its rows go into a file: with holes if the format has them, in the order of the format."""
     whole, notes = cloud.whole(), []
     if codec.name != "ply" and isinstance(cloud.flavour, PlyFlavour) and (cloud.flavour.before or cloud.flavour.after):
         names = ", ".join(shown(block.name) for block in (*cloud.flavour.before, *cloud.flavour.after))
@@ -281,7 +281,7 @@ def _storable(cloud: PointCloud, codec: Codec) -> tuple[PointCloud, list[str]]:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A new file that takes the place of ``path`` when the block ends well; after an error nothing of it is left.
+    """Open a new file that replaces `path` if the block succeeds; after an error nothing of the new file is left.
 
     Raises
     ------

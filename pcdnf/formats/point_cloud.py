@@ -95,7 +95,7 @@ class PointCloud:
         return self.flavour.brightest if isinstance(self.flavour, E57Flavour) else None
 
     def aside(self, rows: Array, why: str) -> PointCloud:
-        """The cloud without some rows, (D,) int ascending, which come back as they are in :meth:`whole`."""
+        """Return the cloud without some rows, (D,) int ascending, which :meth:`whole` puts back."""
         keep = np.ones(len(self), bool)
         keep[rows] = False
         lost, old, numbers = self.only(rows), self.holes, self.file_rows()[rows]
@@ -105,12 +105,12 @@ class PointCloud:
         return replace(self.only(keep), holes=holes, warnings=[*self.warnings, why])
 
     def file_rows(self) -> Array:
-        """The number of each point's row in the file, (N,) int64, ascending."""
+        """Return the row of each point in the file, (N,) int64, ascending."""
         absent = self.dropped if self.holes is None else np.union1d(self.dropped, self.holes.rows)
         return np.setdiff1d(np.arange(len(self) + len(absent)), absent)
 
     def whole(self) -> PointCloud:
-        """The cloud with its holes in their places, as rows of NaN or infinity."""
+        """Return the cloud with its holes in their places, as rows of NaN or infinity."""
         holes = self.holes
         if holes is None:
             return self
@@ -132,7 +132,7 @@ class PointCloud:
         )
 
     def only(self, rows: Array) -> PointCloud:
-        """The cloud of some of its rows, (M,) int or bool, in the order given; holes are left out."""
+        """Return the cloud of some of its rows, (M,) int or bool, in the given order; holes are left out."""
         return replace(
             self,
             points=self.points[rows],
@@ -142,7 +142,7 @@ class PointCloud:
         )
 
     def without(self, rows: Array, why: str) -> PointCloud:
-        """The cloud without some rows, which ``dropped`` and a warning name by their numbers in the file.
+        """Return the cloud without some rows; `dropped` and a warning name them by their numbers in the file.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class PointCloud:
     def replaced(
         self, points: ArrayLike, normals: ArrayLike | None, *, metadata: Mapping[str, str] | None = None
     ) -> PointCloud:
-        """The same cloud with new coordinates and normals.
+        """Return the same cloud with new coordinates and normals.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ def row_ranges(rows: Array, width: int = 400) -> str:
 
 
 def checked(cloud: PointCloud, limits: Limits) -> PointCloud:
-    """The cloud if its numbers can be worked on: enough points, finite, of a sane extent.
+    """Return the cloud if its numbers can be used: enough points, finite, of a sensible extent.
 
     Normals that are missing, zero, NaN or infinite are left to whoever uses them.
 

@@ -61,7 +61,7 @@ def complete_sets(names: Iterable[str], table: Iterable[Triple]) -> list[Triple]
 
 
 def find_normals(names: Iterable[str]) -> Triple | None:
-    """The names of the normals among those of a file's columns, as spelled; None where it has none."""
+    """Find the names of the normals among the names of a file's columns, as spelled; None without normals."""
     return next(iter(complete_sets(names, (*NORMALS, NEW_NORMALS[-1]))), None)
 
 
@@ -79,7 +79,7 @@ def free_normals(names: Iterable[str], preferred: Triple = NORMALS[0]) -> Triple
 
 
 def find_colours(names: Iterable[str]) -> Triple | None:
-    """The names of the colours among those of a file's columns, as spelled; None where it has none."""
+    """Find the names of the colours among the names of a file's columns, as spelled; None without colours."""
     names = list(names)
     plain = {name.lower().removeprefix(_SCALAR): name for name in reversed(names)}
     found = next(iter(complete_sets(plain, COLOURS)), None)
@@ -87,5 +87,5 @@ def find_colours(names: Iterable[str]) -> Triple | None:
 
 
 def canonical_name(name: str) -> str:
-    """The name that formats with fixed fields use for a column: ``scalar_GpsTime`` is ``gps_time``."""
+    """Return the name that formats with fixed fields use for a column: ``scalar_GpsTime`` is ``gps_time``."""
     return _CANONICAL.get(name.lower().removeprefix(_SCALAR), name)

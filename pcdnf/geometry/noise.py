@@ -103,7 +103,7 @@ def _untruncated(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scatter(points: NDArray[np.float64], index: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Standard deviation (B,) of neighbourhoods (B, K) about a quadric in their PCA frame."""
+    """Return the standard deviation (B,) of neighbourhoods (B, K) about a quadric in their PCA frame."""
     local = points[index] - points[index[:, :1]]  # (B, K, 3)
     local = local @ principal_axes(points, index).transpose(0, 2, 1)
     size = np.maximum(np.abs(local).max((1, 2), keepdims=True), 1e-300)

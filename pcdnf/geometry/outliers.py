@@ -51,6 +51,6 @@ def outlier_rows(points: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 def drop_outliers(cloud: PointCloud) -> PointCloud:
-    """The cloud without its outliers; ``dropped`` and a warning name their rows in the file."""
+    """Return the cloud without its outliers; `dropped` and a warning name their rows in the file."""
     rows = outlier_rows(cloud.points)
     return cloud.without(rows, "Outliers") if len(rows) else cloud

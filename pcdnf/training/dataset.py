@@ -75,7 +75,7 @@ class Sample:
 
 
 def shape_sample(rng: Generator, mix: Mix = MIX) -> Sample:
-    """A random shape with noise of the mix."""
+    """Make a random shape with noise of the mix."""
     shape = random_shape(rng, mix.count(rng), thin=mix.thin)
     keep = mix.kept(rng, shape.points)
     clean = shape.points[keep]
@@ -182,7 +182,7 @@ def _spins(rng: Generator, count: int) -> NDArray[np.float64]:
 
 
 def sample_batch(clouds: list[TrainingCloud], rng: Generator, size: int, clouds_a_batch: int, edges: float) -> Batch:
-    """A batch of ``size`` patches from ``clouds_a_batch`` random clouds."""
+    """Make a batch of `size` patches from `clouds_a_batch` random clouds."""
     parts = [
         clouds[int(rng.integers(len(clouds)))].batch(rng, size // clouds_a_batch, edges) for _ in range(clouds_a_batch)
     ]

@@ -125,7 +125,7 @@ class TrainingBatches(IterableDataset[Batch]):
                 return cloud
 
     def _crop(self, rng: np.random.Generator) -> Sample:
-        """A crop of the scan at hand, of a new one once its crops are used up."""
+        """Return a crop of the current scan, or of a new one after its last crop."""
         while not self._crops:
             kind = str(rng.choice(list(KINDS)))
             self._crops = scan_samples(rng, kind, int(rng.integers(SCAN_SEEDS)), CROPS_A_SCAN)
@@ -133,7 +133,7 @@ class TrainingBatches(IterableDataset[Batch]):
 
 
 def stream(batches: TrainingBatches, *, processes: int, pin: bool) -> Iterator[Batch]:
-    """The batches, made by so many processes; by this one where there are none.
+    """Return the batches, made by so many processes; by this process if the number is 0.
 
     ``pin`` puts them into memory that a GPU reads by itself.
     """

@@ -128,7 +128,7 @@ class Batch:
     clean_normals: Tensor
 
     def each(self, change: Callable[[Tensor], Tensor]) -> Batch:
-        """The batch with every tensor changed alike: moved to a device, or thinned."""
+        """Return the batch with the same change to every tensor, such as a move to a device."""
         surface = Surface(change(self.surface.points), change(self.surface.normals))
         clean = change(self.clean_points), change(self.clean_normals)
         return Batch(change(self.points), change(self.normals), surface, *clean)
@@ -139,7 +139,7 @@ class Batch:
 
 
 def joint_loss(output: Any, batch: Batch, weights: LossWeights) -> tuple[Tensor, dict[str, Tensor]]:
-    """The joint loss (section 3.3, and our terms) of a batch, with the parts worth watching."""
+    """Return the joint loss (section 3.3, and our terms) of a batch, with its parts."""
     terms = point_terms(output.displacement, batch.surface)
     point = weights.alpha * terms.projection + (1 - weights.alpha) * terms.repulsion
     normal = normal_loss(output.normal, terms.normal)

@@ -19,14 +19,14 @@ CROPS = 6
 
 
 def validation_batches(kind: str, patches: int, clouds: int) -> list[Batch]:
-    """Fixed patches of held-out shapes, the same for every run of a kind."""
+    """Return fixed patches of held-out shapes, the same for every run of a kind."""
     rng = np.random.default_rng(VALIDATION_SEED)
     pool = [TrainingCloud(rng, shape_sample(rng), DEFAULTS[kind].recipe) for _ in range(clouds)]
     return _batches(pool, rng, patches)
 
 
 def scan_batches(kind: str, patches: int, scans: int) -> list[Batch]:
-    """Fixed patches of held-out simulated scans, one scan of each kind in turn."""
+    """Return fixed patches of held-out simulated scans, one scan of each kind in turn."""
     rng = np.random.default_rng(VALIDATION_SEED)
     kinds = list(KINDS)
     pool = [

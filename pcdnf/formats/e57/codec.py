@@ -71,7 +71,7 @@ def read_e57(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
 
 
 def _values(path: str, scans: list[Scan]) -> list[dict[str, NDArray[Any]]]:
-    """The fields of each scan as the library reads them."""
+    """Return the fields of each scan as the library reads them."""
     check_available("e57")
     from pye57 import libe57
 
@@ -104,7 +104,7 @@ def _damaged() -> NoReturn:
 
 
 def _placed(scan: Scan, values: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
-    """The coordinates of a scan in the common frame, (n, 3); NaN for points that the scanner marked as invalid."""
+    """Return the coordinates of a scan in the common frame, (n, 3); NaN for points that are marked as invalid."""
     first, second, third = (values[name].astype(np.float64) for name in scan.coordinates)
     local = np.stack([first, second, third], axis=1)
     if scan.coordinates != AXES:
@@ -118,6 +118,7 @@ def _placed(scan: Scan, values: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
 
 
 def rotation_matrix(rotation: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    """Return the rotation matrix (3, 3) of a unit quaternion (w, x, y, z)."""
     w, x, y, z = rotation
     return np.array(
         [

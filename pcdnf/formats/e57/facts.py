@@ -35,7 +35,7 @@ class Fact:
     parts: tuple[Fact, ...] = ()
 
     def number(self, name: str) -> float | None:
-        """The value of one of its parts as a number."""
+        """Return the value of one of its parts as a number."""
         text = next((part.text or "0" for part in self.parts if part.name == name), "")
         try:
             return float(text)
@@ -44,7 +44,7 @@ class Fact:
 
 
 def read_facts(node: ElementTree.Element, known: Collection[str]) -> tuple[tuple[Fact, ...], list[str]]:
-    """The parts of a node that are not among the ``known`` ones, and the names of those that cannot be kept."""
+    """Return the parts of a node except the `known` ones, and the names of those that cannot be kept."""
     facts, lost = [], []
     for child in node:
         name = child.tag.removeprefix(_STANDARD).rpartition("}")[2]
@@ -59,7 +59,7 @@ def read_facts(node: ElementTree.Element, known: Collection[str]) -> tuple[tuple
 
 
 def _fact(node: ElementTree.Element, depth: int) -> Fact | None:
-    """A node with all it holds; None for binary data, other extensions, and what is not a value of E57."""
+    """Return a node with its contents; None for binary data, other extensions, and values that E57 does not have."""
     kind, name = node.get("type", ""), node.tag.removeprefix(_STANDARD)
     if depth == 0 or "}" in name:
         return None
@@ -101,7 +101,7 @@ def _whole(text: str) -> int:
 
 
 def fact_node(image: Any, libe57: Any, fact: Fact) -> Any:
-    """A fact as a node of the library's."""
+    """Return a fact as a node of the library."""
     options = dict(fact.options)
     if fact.kind == "Structure":
         node = libe57.StructureNode(image)
@@ -126,6 +126,6 @@ def fact_node(image: Any, libe57: Any, fact: Fact) -> Any:
 
 
 def limits(name: str, **parts: float) -> Fact:
-    """A structure of numbers, such as bounds."""
+    """Return a structure of numbers, such as bounds."""
     kinds = {key: "Integer" if isinstance(value, int) else "Float" for key, value in parts.items()}
     return Fact(name, "Structure", parts=tuple(Fact(key, kinds[key], repr(value)) for key, value in parts.items()))

@@ -40,8 +40,21 @@ _INTEGERS = ("u1", "i1", "u2", "i2", "u4", "i4")
 
 @dataclass(frozen=True)
 class Field:
-    """One value a point: its name, its numpy type in memory, its bits in the file, its name as spelled there, and the
-    bounds of an integer."""
+    """One value of each point.
+
+    Attributes
+    ----------
+    name : str
+        Its name without a prefix.
+    dtype : str
+        Its numpy type in memory.
+    bits : int
+        Its size in the file.
+    path : str
+        Its name as the file spells it.
+    bounds : tuple of int, optional
+        Least and greatest value of an integer.
+    """
 
     name: str
     dtype: str
@@ -52,8 +65,23 @@ class Field:
 
 @dataclass(frozen=True)
 class Scan:
-    """One scan: its number in the file, its points, its pose as (w, x, y, z) and a shift, what names it, and what else
-    the file says of it (sensor, weather, times, limits)."""
+    """One scan of a file.
+
+    Attributes
+    ----------
+    number : int
+        Its number in the file, from 0.
+    count : int
+        Its points.
+    fields : tuple of Field
+        The values of each point.
+    rotation, translation : tuple of float
+        Its pose: a unit quaternion (w, x, y, z), then a shift in the unit of the file.
+    guid, name, description : str
+        How the file identifies it.
+    facts : tuple of Fact
+        Sensor, weather, times and limits.
+    """
 
     number: int
     count: int
@@ -95,7 +123,7 @@ class Header:
 
 
 def read_scans(file: BinaryIO, size: int) -> Header:
-    """The scans of a file of ``size`` bytes that is open at its first byte.
+    """Read the scans of a file of `size` bytes that is open at its first byte.
 
     Raises
     ------
@@ -126,7 +154,7 @@ def read_scans(file: BinaryIO, size: int) -> Header:
 
 
 def _xml(file: BinaryIO, size: int) -> tuple[ElementTree.Element, dict[str, str]]:
-    """The root of the XML, and the prefixes of extensions by their address."""
+    """Return the root of the XML, and the prefixes of extensions by their address."""
     head = file.read(_HEADER.size)
     if len(head) < _HEADER.size:
         _truncated(_HEADER.size, size)
@@ -228,7 +256,7 @@ def _field(node: ElementTree.Element, prefixes: dict[str, str]) -> Field:
 
 
 def _spelled(node: ElementTree.Element, prefixes: dict[str, str]) -> tuple[str, str]:
-    """The name of a field, and as it is spelled; those of the extension for normals go by its usual prefix."""
+    """Return the name of a field, and its spelling; fields of the extension for normals get its usual prefix."""
     space, _, local = node.tag.removeprefix("{").rpartition("}")
     prefix = prefixes.get(space)
     path = f"{prefix}:{local}" if prefix else local

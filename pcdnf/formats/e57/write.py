@@ -107,7 +107,7 @@ def _fields(attributes: Columns) -> tuple[Columns, list[str]]:
 
 
 def _begin(image: Any, libe57: Any, cloud: PointCloud, flavour: E57Flavour) -> None:
-    """The nodes at the root; the file's own identifier follows from its points, so that it is the same every time."""
+    """Return the nodes at the root; the file's own identifier follows from its points, so it is always the same."""
     image.extensionsAdd("", libe57.E57_V1_0_URI)
     image.extensionsAdd("nor", NORMALS_URI)
     root = image.root()
@@ -131,7 +131,7 @@ def _guid(points: NDArray[Any]) -> str:
 def _scan_node(
     image: Any, libe57: Any, cloud: PointCloud, scan: Scan, rows: NDArray[Any], columns: Columns
 ) -> tuple[Any, Any, Buffers]:
-    """The node of a scan, that of its points, and the buffers to write them from."""
+    """Return the node of a scan, the node of its points, and the buffers to write them from."""
     turn = rotation_matrix(scan.rotation)
     local = (cloud.points[rows].astype(np.float64) - np.array(scan.translation)) @ turn
     seen = np.isfinite(local).all(axis=1)
@@ -162,7 +162,7 @@ def _scan_node(
 
 
 def _bounds(points: NDArray[Any]) -> Fact:
-    """The box of a scan in its own frame."""
+    """Return the box of a scan in its own frame."""
     low = points.min(axis=0).tolist() if len(points) else [0.0] * 3
     high = points.max(axis=0).tolist() if len(points) else [0.0] * 3
     ends = zip("xyz", low, high, strict=True)
@@ -183,7 +183,7 @@ def _pose(image: Any, libe57: Any, scan: Scan) -> Any:
 
 
 def _prototype(image: Any, libe57: Any, scan: Scan, name: str, column: NDArray[Any]) -> Any:
-    """The type of a field: for integers within the bounds of the file's own field, or of the column's type."""
+    """Return the type of a field: for integers within the bounds of the file's own field, or of the column's type."""
     if column.dtype.kind == "f":
         precision = libe57.E57_SINGLE if column.dtype.itemsize == 4 else libe57.E57_DOUBLE
         return libe57.FloatNode(image, 0.0, precision)

@@ -88,7 +88,7 @@ class Assembly:
         return header
 
     def _records_into(self, header: bytearray, records: list[Record]) -> bytearray:
-        """The header followed by all records, with their number and the start of the points filled in."""
+        """Return the header followed by all records, with their number and the start of the points filled in."""
         listed = b"".join(extra.entry or _undocumented(extra) for extra in self.extras)
         records = [*records, Record(b"LASF_Spec", 4, b"", listed)] if self.extras else records
         too_long = next((record for record in records if len(record.data) > LARGEST_RECORD), None)
@@ -116,7 +116,7 @@ class Assembly:
         file.seek(0, 2)
 
     def _fill(self, header: bytearray, end: int, tail: bytes) -> None:
-        """Counts, bounds, and where the tail went."""
+        """Fill counts, bounds and the places of the tail into the header."""
         minor, count, rows, flavour = header[25], len(self.rows), self.rows, self.flavour
         mask = 0x0F if flavour.point_format >= 6 else 0x07
         returns = np.bincount(np.clip(rows["returns"] & mask, 0, 15), minlength=16)[1:]
@@ -143,12 +143,12 @@ def _laszip(compressor: Compressor) -> Record:
 
 
 def _undocumented(extra: Extra) -> bytes:
-    """An entry for bytes that the file did not list."""
+    """Return an entry for bytes that the file did not list."""
     return EXTRA_ENTRY.pack(b"", 0, min(extra.count, 255), extra.name.encode()[:32], *[b""] * 6, b"")
 
 
 def _count(tail: bytes) -> int:
-    """The number of extended records."""
+    """Return the number of extended records."""
     at = count = 0
     while at + EVLR.size <= len(tail):
         at += EVLR.size + EVLR.unpack_from(tail, at)[3]

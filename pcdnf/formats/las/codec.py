@@ -168,7 +168,7 @@ def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool, copc: bool
 
 
 def _without_index(flavour: LasFlavour) -> tuple[LasFlavour, list[str]]:
-    """The flavour without the index of a COPC, which holds for the file it came in only."""
+    """Return the flavour without the index of a COPC, which is only valid for the input file."""
     if not is_copc(flavour.records):
         return flavour, []
     records, tail, count = without_copc(flavour.records, flavour.tail)
@@ -179,7 +179,7 @@ def _without_index(flavour: LasFlavour) -> tuple[LasFlavour, list[str]]:
 
 
 def arranged(cloud: PointCloud) -> tuple[PointCloud, list[str]]:
-    """The cloud in the order that a COPC asks for, and a note on that."""
+    """Return the cloud in the order that a COPC requires, and a note on that."""
     known = cloud.flavour.grid if isinstance(cloud.flavour, LasFlavour) else None
     order = octree(cloud.points, grid_for(cloud.points, known)[0]).order
     if np.array_equal(order, np.arange(len(order))):

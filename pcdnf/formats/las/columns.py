@@ -73,7 +73,7 @@ def las_attributes(
 
 
 def _whole(name: str, column: NDArray[Any]) -> NDArray[Any]:
-    """A column of one of LAS' own integers as such, where all its values are whole."""
+    """Return a column as one of the integers of LAS, if all its values are whole."""
     if name not in _INTEGERS or column.dtype.kind != "f" or not np.isfinite(column).all():
         return column
     whole = np.rint(column).astype(np.int64)

@@ -55,7 +55,7 @@ class Octree:
 
 
 def octree(points: NDArray[Any], grid: Grid) -> Octree:
-    """The nodes that points (N, 3) belong to, once they are on the grid they are stored on.
+    """Return the nodes of points (N, 3), after rounding to the grid they are stored on.
 
     The upper nodes hold a thinned-out cloud, those below what is left, as COPC asks for. The order of points that
     are in order already does not change.
@@ -98,7 +98,7 @@ def _code(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def info_record(tree: Octree, times: NDArray[np.float64], hierarchy: int) -> Record:
-    """The first record of a COPC: the cube of the root, its spacing, and where the index is."""
+    """Return the first record of a COPC: the cube of the root, its spacing, and the place of the index."""
     data = _INFO.pack(
         *tree.centre,
         tree.half,
@@ -112,7 +112,7 @@ def info_record(tree: Octree, times: NDArray[np.float64], hierarchy: int) -> Rec
 
 
 def hierarchy_record(tree: Octree, offsets: list[int]) -> bytes:
-    """The extended record of the index: one page with all nodes.
+    """Return the extended record of the index: one page with all nodes.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def is_copc(records: tuple[Record, ...]) -> bool:
 
 
 def without_copc(records: tuple[Record, ...], tail: bytes) -> tuple[tuple[Record, ...], bytes, int]:
-    """Records and extended records without those of COPC, and the number of extended records that are left."""
+    """Return records and extended records without those of COPC, and the number of remaining extended records."""
     kept, count, at = [], 0, 0
     while at + EVLR.size <= len(tail):
         _, user, _, length, _ = EVLR.unpack_from(tail, at)

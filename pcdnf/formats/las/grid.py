@@ -26,7 +26,7 @@ class Grid:
 
 
 def grid_for(points: NDArray[Any], known: Grid | None) -> tuple[Grid, list[str]]:
-    """The grid to store points on: the file's own, unless it is too coarse or does not reach them.
+    """Return the grid to store points on: that of the file, unless it is too coarse or does not reach them.
 
     Parameters
     ----------
@@ -70,6 +70,6 @@ def grid_for(points: NDArray[Any], known: Grid | None) -> tuple[Grid, list[str]]
 
 
 def snapped(points: NDArray[Any], grid: Grid) -> NDArray[np.int32]:
-    """The whole numbers nearest to coordinates, (N, 3)."""
+    """Return the whole numbers nearest to coordinates, (N, 3)."""
     moved = points.astype(np.float64) - np.array(grid.offsets)
     return np.asarray(np.rint(moved / np.array(grid.scales)), np.int32)

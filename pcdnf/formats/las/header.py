@@ -166,7 +166,7 @@ def _truncated(expected: int, size: int) -> NoReturn:
 
 
 def _records(head: bytes, position: int, count: int) -> tuple[list[Record], int]:
-    """The variable-length records, and where they end."""
+    """Read the variable-length records; return them and the position of their end."""
     records = []
     for _ in range(count):
         if position + VLR.size > len(head):
@@ -181,7 +181,7 @@ def _records(head: bytes, position: int, count: int) -> tuple[list[Record], int]
 
 
 def _extras(records: list[Record], point_format: int, stride: int) -> tuple[Extra, ...]:
-    """The extra dimensions that fill up a record of ``stride`` bytes."""
+    """Read the extra dimensions that fill up a record of `stride` bytes."""
     room = stride - record_dtype(point_format, ()).itemsize
     if room < 0:
         _bad(f"point format {point_format} does not fit into {stride} bytes")
@@ -222,7 +222,7 @@ def is_scaled(extra: Extra) -> bool:
 
 
 def _check_compression(file: BinaryIO, header: Header, size: int) -> None:
-    """What a LAZ says of its compression, before the library is asked."""
+    """Check the compression that a LAZ declares, before the library sees it."""
     data = header.compression
     if len(data) < _LASZIP_FIXED.size:
         _bad("it is compressed and has no record on that")
@@ -250,7 +250,7 @@ def _check_compression(file: BinaryIO, header: Header, size: int) -> None:
 
 
 def _check_tail(file: BinaryIO, header: Header, size: int, start: int, count: int) -> None:
-    """What follows the points must be extended records that end with the file."""
+    """Check that extended records follow the points and end with the file."""
     position, seen = header.end, 0
     if count and start != header.end:
         _bad("its extended records do not follow the points")

@@ -35,7 +35,7 @@ _ROWS_PER_WRITE = 1 << 18
 
 
 def inflated(file: BinaryIO, header: Header, size: int, limits: Limits) -> bytearray:
-    """The records of a LAZ of ``size`` bytes that stands at the first of them.
+    """Read the records of a LAZ of `size` bytes; the file must be positioned at the first of them.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def inflated(file: BinaryIO, header: Header, size: int, limits: Limits) -> bytea
 
 
 def _chunked(file: BinaryIO, header: Header, lazrs: Any) -> tuple[BinaryIO, bytes]:
-    """The compressed points and their record as ``lazrs`` takes them.
+    """Return the compressed points and their record in the form that `lazrs` takes.
 
     It knows variable chunks by one of their two marks, and points that are not in chunks (LASzip 1) not at all:
     these are given to it as a single chunk.
@@ -132,7 +132,7 @@ def _check_items(header: Header, lazrs: Any) -> tuple[int, int]:
 
 
 def _record(point_format: int, extra_bytes: int, lazrs: Any, variable: bool = False) -> Any:
-    """What ``lazrs`` needs to know of a point; None where it cannot compress such points."""
+    """Return the description of a point for `lazrs`; None if it cannot compress such points."""
     try:
         return lazrs.LazVlr.new_for_compression(point_format, extra_bytes, variable)
     except (lazrs.LazrsError, ValueError, OverflowError):

@@ -65,7 +65,7 @@ SCALED = 0b11000
 
 
 def bits_of(point_format: int) -> _Bits:
-    """The fields of a point format that hold several values: (name, bits) of each, from the lowest bit up."""
+    """Return the fields of a point format that hold several values: (name, bits) of each, from the lowest bit up."""
     return _NEW_BITS if point_format >= 6 else _OLD_BITS
 
 
@@ -85,14 +85,14 @@ class Extra:
 
 
 def new_extra(name: str, dtype: np.dtype[Any]) -> Extra:
-    """An extra dimension of one value a point."""
+    """Return an extra dimension with one value for each point."""
     kind = dtype.str[1:]
     entry = EXTRA_ENTRY.pack(b"", EXTRA_TYPES.index(kind) + 1, 0, name.encode()[:32], b"", b"", b"", b"", b"", b"", b"")
     return Extra(name, "<" + kind, 1, entry)
 
 
 def record_dtype(point_format: int, extras: tuple[Extra, ...]) -> np.dtype[Any]:
-    """The type of a record; extra dimensions go by their number, since a file may repeat a name."""
+    """Return the type of a record; extra dimensions are named by their number, because a file may repeat a name."""
     fields = [*RECORDS[point_format]]
     for number, extra in enumerate(extras):
         fields.append(

@@ -36,7 +36,7 @@ _UTF8 = 0x0800
 
 
 def read_directory(file: BinaryIO, size: int, limits: Limits) -> list[Member]:
-    """The members of an NPZ of ``size`` bytes, none of them inflated yet.
+    """List the members of an NPZ of `size` bytes, without inflating any.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def read_directory(file: BinaryIO, size: int, limits: Limits) -> list[Member]:
 
 
 def _directory(file: BinaryIO, size: int) -> tuple[bytes, int, int]:
-    """The central directory, its number of entries and its offset."""
+    """Return the central directory, its number of entries and its offset."""
     reach = min(size, _END.size + 0xFFFF)
     file.seek(size - reach)
     tail = file.read(reach)
@@ -108,7 +108,7 @@ def _too_many(count: int) -> NoReturn:
 
 
 def _entry(directory: bytes, position: int) -> tuple[Member, int]:
-    """The directory's entry at ``position``, and where the next one begins."""
+    """Return the entry of the directory at `position`, and the position of the next one."""
     if position + _ENTRY.size > len(directory):
         corrupt("its directory ends inside an entry")
     fields = _ENTRY.unpack_from(directory, position)

@@ -132,7 +132,7 @@ def read_npy(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
 
 
 def _table(file: BinaryIO, member: Member, limits: Limits) -> PointCloud | None:
-    """The cloud of a structured array with fields x, y, z; None for other arrays."""
+    """Return the cloud of a structured array with fields x, y, z; None for other arrays."""
     stream = MemberStream(file, member)
     header = read_array_header(stream, member)
     names = header.dtype.names
@@ -234,7 +234,7 @@ def _floats(array: NDArray[Any], what: str, if_integer: np.dtype[Any], warnings:
 
 
 def _kept_dtype(stored: NDArray[Any], used: NDArray[Any]) -> str:
-    """The file's type, byte order included, where it is one we give back."""
+    """Return the type of the file, including byte order, if results can have it."""
     return (stored if stored.dtype.newbyteorder("=") == used.dtype else used).dtype.str
 
 

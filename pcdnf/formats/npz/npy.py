@@ -51,7 +51,7 @@ class ArrayHeader:
 
 
 def read_array_header(stream: MemberStream, member: Member, *, text: bool = False) -> ArrayHeader:
-    """The header at the start of a member; the bytes it declares are those the member has.
+    """Read the header at the start of a member, and check that the member has the bytes it declares.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def read_array_header(stream: MemberStream, member: Member, *, text: bool = Fals
 
 
 def _declared(stream: MemberStream, member: Member) -> tuple[dict[str, Any], int]:
-    """The three values of a header as {"text", "fortran", "shape"}, and its size in bytes."""
+    """Return the three values of a header as {"text", "fortran", "shape"}, and its size in bytes."""
     magic = stream.take(min(8, member.size))
     if len(magic) < 8 or not magic.startswith(b"\x93NUMPY") or magic[6] not in (1, 2, 3):
         raise _bad_header(member)
@@ -141,7 +141,7 @@ def _declared(stream: MemberStream, member: Member) -> tuple[dict[str, Any], int
 
 
 def _items(body: str) -> dict[str, dict[str, str | None]] | None:
-    """The items of the header's dictionary by key; None when it is anything but the three known ones."""
+    """Return the items of the header's dictionary by key; None unless they are exactly the three known ones."""
     items: dict[str, dict[str, str | None]] = {}
     position = 0
     while position < len(body):
@@ -154,7 +154,7 @@ def _items(body: str) -> dict[str, dict[str, str | None]] | None:
 
 
 def parsed_fields(descr: str) -> list[tuple[str, str] | tuple[str, str, tuple[int]]] | None:
-    """The fields of a structured array, (name, type) or (name, type, (count,)) each; None for anything else."""
+    """Return the fields of a structured array, (name, type) or (name, type, (count,)) each; None for anything else."""
     body = descr.strip()
     if not (body.startswith("[") and body.endswith("]")):
         return None
@@ -180,7 +180,7 @@ def _bad_header(member: Member) -> FormatError:
 
 
 def read_array(stream: MemberStream, header: ArrayHeader) -> NDArray[Any]:
-    """The array behind a header, of its own type, byte order and memory order."""
+    """Return the array after a header, with its own type, byte order and memory order."""
     octets = np.empty(header.body, np.uint8)
     stream.fill(octets.data)
     stream.finish()
@@ -188,7 +188,7 @@ def read_array(stream: MemberStream, header: ArrayHeader) -> NDArray[Any]:
 
 
 def read_text(stream: MemberStream, header: ArrayHeader) -> str:
-    """The text scalar behind a header."""
+    """Return the text scalar after a header."""
     raw = stream.take(header.body)
     stream.finish()
     if header.dtype.kind == "S":
@@ -197,5 +197,5 @@ def read_text(stream: MemberStream, header: ArrayHeader) -> str:
 
 
 def shape_text(shape: tuple[int, ...]) -> str:
-    """A shape as it is written in Python."""
+    """Return a shape as Python writes it."""
     return str(tuple(shape))

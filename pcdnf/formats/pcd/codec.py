@@ -162,7 +162,7 @@ def _damaged() -> NoReturn:
 
 
 def _check_end(file: BinaryIO, header: Header, end: int, size: int) -> None:
-    """The file must end with its last point, or with a few zeros after it."""
+    """Check that the file ends with its last point, or with a few zeros after it."""
     if end > size:
         _truncated(header, str(end), end, size)
     file.seek(end)

@@ -70,7 +70,7 @@ def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], li
 
 
 def _coordinates(cloud: PointCloud, flavour: PcdFlavour) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """The fields of the coordinates: as the file had them, else as most programs read them."""
+    """Return the fields of the coordinates: as in the file, else as most programs read them."""
     names = flavour.coordinates
     if any(field[0] == REMAINDERS[0] for field in flavour.fields) and cloud.points.dtype == np.float64:
         return split(cloud.points, names), []
@@ -132,14 +132,14 @@ def _ordered(
 
 
 def _table(column: NDArray[Any]) -> NDArray[Any]:
-    """A column as (N, count), little-endian, in a type PCD has."""
+    """Return a column as (N, count), little-endian, in a type that PCD has."""
     width = int(np.prod(column.shape[1:]))
     kind = {"f2": "f4", "b1": "u1"}.get(column.dtype.str[1:], column.dtype.str[1:])
     return np.ascontiguousarray(column.reshape(len(column), width), "<" + kind)
 
 
 def _fresh(name: str, taken: dict[str, NDArray[Any]]) -> str:
-    """A legal field name that is not taken."""
+    """Return a legal field name that is not taken."""
     stem = re.sub(r"[^\x21-\x7e]", "_", name)[:56]
     stem = stem if stem not in ("", PADDING) else "field"
     names = (stem if count == 1 else f"{stem}_{count}" for count in range(1, len(taken) + 2))

@@ -33,13 +33,13 @@ def split(points: NDArray[Any], names: tuple[str, str, str]) -> Columns:
 
 
 def joined(near: NDArray[Any], rest: NDArray[Any]) -> NDArray[np.float64]:
-    """The inverse of :func:`split`, (N, 3) each."""
+    """Return the inverse of :func:`split`, (N, 3) each."""
     points: NDArray[np.float64] = near.astype(np.float64) + np.where(np.isfinite(rest), rest, 0)
     return points
 
 
 def for_most_readers(points: NDArray[Any], names: tuple[str, str, str]) -> tuple[Columns, list[str]]:
-    """The fields to store float64 coordinates in, and a note on what they are."""
+    """Return the fields to store float64 coordinates in, and a note on them."""
     finite = np.isfinite(points).all(axis=1)
     most = float(np.abs(points[finite]).max(initial=0))
     if not TINY < most < HUGE:

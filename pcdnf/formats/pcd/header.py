@@ -84,7 +84,7 @@ class Header:
         return sum(field.size for field in self.fields)
 
     def row_dtype(self) -> np.dtype[Any]:
-        """The type of a binary row; fields go by their number, since padding repeats a name."""
+        """Return the type of a binary row; fields are named by their number, because padding repeats a name."""
         return np.dtype([(str(i), "<" + field.dtype, (field.count,)) for i, field in enumerate(self.fields)])
 
 
@@ -251,7 +251,7 @@ def _too_many(what: str, limit: int, actual: int) -> NoReturn:
 def header_bytes(
     fields: Iterable[Field], width: int, height: int, viewpoint: str, encoding: str, comments: Iterable[str]
 ) -> bytes:
-    """The header of a PCD; ``comments`` are lines that begin with ``#``."""
+    """Return the header of a PCD; `comments` are lines that begin with ``#``."""
     fields = list(fields)
     lines = [FIRST_LINE, *comments, "VERSION 0.7"]
     lines.append("FIELDS " + " ".join(field.name for field in fields))

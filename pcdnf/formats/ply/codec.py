@@ -177,7 +177,7 @@ def _cloud(header: Header, body: Body) -> PointCloud:
 
 
 def _warnings(header: Header, body: Body) -> list[str]:
-    """What is passed over, and what a splat is not."""
+    """Return warnings on what was not read, and on Gaussian splats."""
     warnings = []
     names = {prop.name for prop in header.vertex.properties}
     lists = [shown(prop.name) for prop in header.vertex.properties if prop.length_type]

@@ -94,7 +94,7 @@ def _flat(member: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]
 
 
 def _stored(name: str, column: NDArray[Any]) -> tuple[str, NDArray[Any]]:
-    """A PLY type that holds a column exactly, and the column in it."""
+    """Return a PLY type that holds a column exactly, and the column in that type."""
     kind = column.dtype.str[1:]
     if kind in SPELLINGS:
         return SPELLINGS[kind], column
@@ -117,10 +117,11 @@ def _stored(name: str, column: NDArray[Any]) -> tuple[str, NDArray[Any]]:
 
 
 def _fresh_property(name: str, taken: Collection[str]) -> str:
-    """A legal PLY property name, not among those taken."""
+    """Return a legal PLY property name that is not taken."""
     return fresh_name(re.sub(r"[^\x21-\x7e]", "_", name)[:56] or "_", taken)
 
 
 def fresh_name(name: str, taken: Collection[str]) -> str:
+    """Return `name`, or `name` with the first number from 2 on that makes it a name not yet taken."""
     candidates = (name if count == 1 else f"{name}_{count}" for count in range(1, len(taken) + 2))
     return next(candidate for candidate in candidates if candidate not in taken)

@@ -70,11 +70,11 @@ class Element:
         return [prop for prop in self.properties if not prop.length_type]
 
     def row_dtype(self, byte_order: str) -> np.dtype[np.void]:
-        """The type of a binary row, without its lists."""
+        """Return the type of a binary row, without its lists."""
         return np.dtype([(p.name, byte_order + TYPES[p.type]) for p in self.scalars])
 
     def lines(self) -> list[str]:
-        """The element as lines of a header."""
+        """Return the element as lines of a header."""
         listed = [
             f"property list {p.length_type} {p.type} {p.name}" if p.length_type else f"property {p.type} {p.name}"
             for p in self.properties
@@ -143,7 +143,7 @@ def read_header(file: BinaryIO) -> Header:
 
 
 def _lines(file: BinaryIO) -> tuple[list[str], int, bytes]:
-    """The header's lines without their ends, its size in bytes, and what ends its lines."""
+    """Read the lines of the header without their ends; return them, the header's size in bytes, and the line end."""
     lines: list[str] = []
     size = 0
     start = file.read(5)
@@ -271,7 +271,7 @@ def header_bytes(
     before: Iterable[str] = (),
     after: Iterable[str] = (),
 ) -> bytes:
-    """The header of a file of vertices.
+    """Return the header of a file of vertices.
 
     Parameters
     ----------

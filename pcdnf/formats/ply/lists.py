@@ -40,7 +40,7 @@ def skip_lists(data: bytes, element: Element, byte_order: str) -> int:
 
 
 def scalar_rows(data: bytes, element: Element, byte_order: str) -> NDArray[Any]:
-    """The values of an element that are no lists, one structured row each; what its lists hold is passed over.
+    """Read the values of an element that are not lists, one structured row each, and skip its lists.
 
     Raises
     ------

@@ -45,7 +45,7 @@ class TextBody:
         self._rest = b""
 
     def read(self, element: Element) -> NDArray[np.void]:
-        """The rows of an element in native byte order; lists are passed over.
+        """Read the rows of an element in native byte order, and skip its lists.
 
         Raises
         ------
@@ -164,7 +164,7 @@ def _without_lists(text: bytes, element: Element, first: int) -> bytes:
 
 
 def _parse(text: bytes, rows: int, element: Element, first: int) -> NDArray[np.float64]:
-    """The numbers of some rows, (rows, properties)."""
+    """Return the numbers of some rows, (rows, properties)."""
     text = text.replace(b"\r", b" ")
     try:
         values = np.loadtxt(io.BytesIO(text), np.float64, comments=None, ndmin=2, encoding="latin-1")

@@ -67,7 +67,7 @@ def read_ptx(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
 
 
 def _head(file: BinaryIO, number: int) -> PtxScan | None:
-    """The ten lines before the points of a scan; None at the end of the file."""
+    """Read the ten lines before the points of a scan; return None at the end of the file."""
     lines: list[list[str]] = []
     while len(lines) < HEAD_LINES:
         line = file.readline(_MAX_LINE_BYTES)
@@ -94,7 +94,7 @@ def _head(file: BinaryIO, number: int) -> PtxScan | None:
 
 
 def _points(file: BinaryIO, scan: PtxScan, number: int) -> NDArray[np.float64]:
-    """The rows of a scan, (columns * rows, 4 or 7)."""
+    """Read the rows of a scan, (columns * rows, 4 or 7)."""
     start = file.tell()
     line = b""
     while not line.strip():

@@ -18,7 +18,7 @@ _GRACE_SECONDS = 5
 
 
 def guarded(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What ``work`` returns, or the refusal it ends with, as a JSON object."""
+    """Return the result of `work`, or the refusal that it ends with, as a JSON object."""
     try:
         return work()
     except FormatError as error:

@@ -89,7 +89,7 @@ def read_xyz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
 
 
 def _counts_rows(column: NDArray[Any]) -> bool:
-    """Whether a column is 0, 1, 2, … or 1, 2, 3, …"""
+    """Return whether a column counts its rows from 0 or from 1."""
     if len(column) < _FEWEST_COUNTED or column[0] not in (0, 1):
         return False
     return bool((np.diff(column) == 1).all())
@@ -189,7 +189,7 @@ def _format(layout: Layout) -> TextFormat:
 
 
 def _comment_mark(layout: Layout) -> str:
-    """What begins the comments of a result; empty where the file shows none and a table has names or a count."""
+    """Return the prefix of comments in a result; empty if the file has none and a table has names or a count."""
     if layout.marks:
         return layout.marks[0]
     return "" if layout.plain or layout.count is not None else "#"
@@ -285,12 +285,12 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
 
 
 def _word(name: str, flavour: XyzFlavour) -> str:
-    """A name without what separates names."""
+    """Return a name without the characters that separate names."""
     return "_".join(name.replace(flavour.separator, " ").split()) or "column"
 
 
 def _shortest(column: NDArray[Any]) -> NDArray[Any]:
-    """A column as float32 where that loses nothing, for fewer digits."""
+    """Return a column as float32 if that loses nothing, for fewer digits."""
     single = column.astype(np.float32)
     return single if np.array_equal(single, column) else column
 

@@ -91,7 +91,7 @@ class Layout:
 
 
 def read_layout(head: bytes) -> Layout:
-    """The layout of a file that begins with ``head``.
+    """Detect the layout of a file that begins with `head`.
 
     Raises
     ------
@@ -142,12 +142,12 @@ def read_layout(head: bytes) -> Layout:
 
 
 def separator_of(row: bytes) -> bytes:
-    """What separates the values of a row."""
+    """Detect the separator of the values of a row."""
     return next((mark for mark in (b";", b",", b"\t") if mark in row), b" ")
 
 
 def cells(row: bytes, separator: bytes) -> list[bytes]:
-    """The values of a row as they are spelled."""
+    """Return the values of a row as they are spelled."""
     return row.split() if separator in b" \t" else row.split(separator)
 
 

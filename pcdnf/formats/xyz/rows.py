@@ -36,7 +36,7 @@ class Block:
         return len(self._starts)
 
     def text(self, column: int) -> Cells:
-        """A column as it is spelled, (rows,)."""
+        """Return a column as it is spelled, (rows,)."""
         starts, lengths = self._starts[:, column], self._stops[:, column] - self._starts[:, column]
         width = max(1, int(lengths.max()))
         reach = np.arange(width)
@@ -46,7 +46,7 @@ class Block:
         return table.view(f"S{width}")[:, 0]
 
     def numbers(self, column: int) -> NDArray[np.float64]:
-        """A column as numbers, (rows,).
+        """Return a column as numbers, (rows,).
 
         Raises
         ------
