@@ -1,4 +1,4 @@
-"""``python -m service.server``: the API process, under the name that compose files used before version 0.2."""
+"""``python -m service.server``: the API process, under the name that older compose files use."""
 
 from .api.server import main
 
