@@ -55,7 +55,7 @@ def numeric_attributes(cloud: PointCloud, title: str) -> tuple[Columns, list[str
 
 
 def without_classes(cloud: PointCloud, classes: Sequence[int], limits: Limits | None = None) -> PointCloud:
-    """The cloud with the points of some classes put aside: they come back as they are in ``whole``.
+    """Return the cloud without the points of some classes, which ``whole`` puts back unchanged.
 
     Parameters
     ----------

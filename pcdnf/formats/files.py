@@ -96,7 +96,7 @@ _MAGIC_LINES_BYTES = 2048
 
 
 def sniff(head: bytes, *, text: bool = False, suffix: str = "") -> str:
-    """The format of a file by its first bytes (16 are enough); "xyz" for others when ``text`` says so.
+    """Return the format of a file by its first bytes (16 are enough); "xyz" for unknown bytes if `text` is true.
 
     Parameters
     ----------

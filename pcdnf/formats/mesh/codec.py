@@ -33,7 +33,7 @@ _PARSERS: dict[str, Callable[[bytes, Limits], Mesh]] = {
 
 
 def mesh_kind(head: bytes, size: int) -> str | None:
-    """The kind of mesh that a file of ``size`` bytes is, by its first :data:`HEAD_BYTES`; None for other files."""
+    """Return the kind of mesh in a file of `size` bytes by its first :data:`HEAD_BYTES`; None for other files."""
     if len(head) >= STL_HEAD and STL_HEAD + FACET.itemsize * struct.unpack_from("<I", head, STL_HEAD - 4)[0] == size:
         return "binary STL"
     if head.startswith(b"solid") and b"facet" in head:

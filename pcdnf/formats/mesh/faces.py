@@ -43,7 +43,7 @@ class Mesh:
 
 
 def as_ply(mesh: Mesh) -> PlyFlavour:
-    """The flavour of a PLY that holds the faces of a mesh.
+    """Return the flavour of a PLY that holds the faces of a mesh.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def as_ply(mesh: Mesh) -> PlyFlavour:
 
 
 def _body(mesh: Mesh, length: str) -> bytes:
-    """The rows of the faces: the number of corners, then the corners."""
+    """Return the rows of the faces: the number of corners, then the corners."""
     corners = mesh.corners.astype("<i4")
     size = int(mesh.sizes[0])
     if (mesh.sizes == size).all():

@@ -25,7 +25,7 @@ _WIDTHS = (3, 4, 6, 7)
 
 
 def parse_obj(data: bytes, limits: Limits) -> Mesh:
-    """The mesh of an OBJ.
+    """Read the mesh of an OBJ.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def parse_obj(data: bytes, limits: Limits) -> Mesh:
 
 
 def _corners(words: list[bytes], count: int, face: int) -> tuple[list[int], bool]:
-    """The vertices of a face from 0, and whether its normals have the numbers of its vertices."""
+    """Return the vertices of a face from 0, and whether its normals have the numbers of its vertices."""
     found, alike = [], True
     for word in words:
         first, *rest = word.split(b"/")

@@ -14,7 +14,7 @@ _COUNTS = 3
 
 
 def parse_off(data: bytes, limits: Limits) -> Mesh:
-    """The mesh of an OFF.
+    """Read the mesh of an OFF.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def parse_off(data: bytes, limits: Limits) -> Mesh:
 
 
 def _lines(data: bytes) -> tuple[list[list[bytes]], list[str]]:
-    """The words of each line that holds some, and the comments."""
+    """Return the words of each line that is not empty, and the comments."""
     lines, comments = [], []
     for line in data.splitlines():
         text, mark, comment = line.partition(b"#")

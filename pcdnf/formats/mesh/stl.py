@@ -19,14 +19,14 @@ _VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*\r?$
 
 
 def parse_binary_stl(data: bytes, limits: Limits) -> Mesh:
-    """The mesh of a binary STL, whose size agrees with its number of triangles."""
+    """Read the mesh of a binary STL, whose size agrees with its number of triangles."""
     facets = np.frombuffer(data, FACET, offset=STL_HEAD)
     left_out = ["colours or marks of triangles"] if facets["bytes"].any() else []
     return _joined(facets["corners"].reshape(-1, 3), left_out, limits)
 
 
 def parse_text_stl(data: bytes, limits: Limits) -> Mesh:
-    """The mesh of an STL of text.
+    """Read the mesh of an STL of text.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def parse_text_stl(data: bytes, limits: Limits) -> Mesh:
 
 
 def _joined(corners: NDArray[Any], left_out: list[str], limits: Limits) -> Mesh:
-    """The mesh of triangles, (3 F, 3), with equal corners joined."""
+    """Return the mesh of triangles, (3 F, 3), with equal corners joined."""
     values = np.ascontiguousarray(corners) + 0.0  # -0 and 0 are one place
     keys = values.view(np.dtype((np.void, values.dtype.itemsize * 3)))[:, 0]
     _, first, where = np.unique(keys, return_index=True, return_inverse=True)

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def describe(path: str, limits: Limits, *, text: bool, classes: Sequence[int] = ()) -> dict[str, Any]:
-    """What :func:`main` prints for a file that can be read."""
+    """Return the object that :func:`main` prints for a file that can be read."""
     cloud = without_classes(read(path, limits=limits, text=text), classes, limits)
     return {
         "ok": True,

@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def convert(source: str, target: str, format_: str, coordinates: Coordinates = "keep") -> dict[str, Any]:
-    """What :func:`main` prints when all goes well."""
+    """Return the object that :func:`main` prints after success."""
     cloud = read(source, limits=Limits())
     return {"ok": True, "warnings": write(target, cloud, format=format_, coordinates=coordinates)}
 
