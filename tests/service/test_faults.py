@@ -1,8 +1,9 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
+from service.api.intake.parameters import Parameters
 from service.faults import reason
 from service.settings import Settings
 
@@ -37,5 +38,6 @@ def test_words_without_a_type_are_kept() -> None:
     )
 
 
-def test_no_setting_is_checked_by_a_regular_expression_that_a_message_would_show() -> None:
-    assert "pattern" not in str(Settings.model_json_schema())
+@pytest.mark.parametrize("model", [Settings, Parameters])
+def test_no_value_is_checked_by_a_regular_expression_that_a_message_would_show(model: type[BaseModel]) -> None:
+    assert "pattern" not in str(model.model_json_schema())

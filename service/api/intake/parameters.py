@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal
@@ -30,6 +31,12 @@ def _iterations(value: int | str) -> int | str:
 def _radius(value: str) -> str:
     with _as_value_error():
         check_radius(value)
+    return value
+
+
+def _classes(value: str) -> str:
+    if not re.fullmatch(r"([0-9]{1,3}(,[0-9]{1,3}){0,31})?", value):
+        raise ValueError("must be 1 to 32 class numbers with commas between them, such as 7,18")
     return value
 
 
@@ -77,17 +84,16 @@ class Parameters(BaseModel):
         description="Treatment of points that are NaN or infinite: return them in their places, refuse the file, or "
         "remove them",
     )
-    ignore_classes: str = Field(
+    ignore_classes: Annotated[str, AfterValidator(_classes)] = Field(
         "",
-        pattern=r"^([0-9]{1,3}(,[0-9]{1,3}){0,31})?$",
-        description="Classes of a LAS or LAZ whose points come back as they are and are left out of the fit, such as "
-        "noise: `7,18`",
+        description="Classes of a LAS or LAZ whose points come back unchanged and are left out of the fit: `7,18` for "
+        "noise",
         examples=["7,18"],
     )
     coordinates: Literal["keep", "float32", "float64"] = Field(
         "keep",
         description="Type of the result's coordinates. `float32` far from the origin are moved by an offset that the "
-        "result records. LAS, LAZ and E57 have types of their own",
+        "result records. LAS, LAZ and E57 have their own types",
     )
 
     @property
