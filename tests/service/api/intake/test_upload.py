@@ -137,7 +137,7 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
         ("orient=maybe", "orient"),
         ("outliers=some", "'keep' or 'drop'"),
         ("iterations=5", "allows 4"),
-        ("seed=-1", "greater than or equal to 0"),
+        ("seed=-1", "must be at least 0"),
         ("seed=4294967296", "less than"),
         ("model=../x", "model: there is no model named '../x'."),
         ("normals=none", "'auto', 'pca' or 'input'"),
