@@ -119,6 +119,7 @@ def _classes(text: str) -> tuple[int, ...]:
 def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
     from ..formats.attributes import without_classes
+    from ..formats.scanner_positions import known_sides
 
     for path in filter(None, (options.output, options.picture)):
         check_writable(path)
@@ -149,7 +150,7 @@ def _denoise(options: argparse.Namespace) -> int:
     if options.orient:
         from ..geometry.orientation import orient_normals
 
-        normals = orient_normals(result.points, normals, like=cloud.normals)
+        normals = orient_normals(result.points, normals, like=known_sides(cloud))
     around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
     denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
     notes = denoised.warnings + _written(options.output, denoised, options)
@@ -174,6 +175,8 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
     """Denoise and show a progress bar if standard error is a terminal."""
     from tqdm import tqdm
 
+    from ..formats.scanner_positions import known_sides
+
     hidden = True if options.quiet else None
     with tqdm(unit=" points", unit_scale=True, disable=hidden, leave=False) as bar:
 
@@ -183,7 +186,7 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
 
         return denoiser.denoise(
             cloud.points,
-            cloud.normals,
+            known_sides(cloud),
             iterations=options.iterations,
             radius=options.radius,
             fast=options.fast,

@@ -30,6 +30,9 @@ COLOURS = (
 )
 """Names of the three channels of a colour, the first set found counts."""
 
+SCAN_INDEX = "scan_index"
+"""The column that says which scan a point is of, where a file holds several."""
+
 _SCALAR = "scalar_"
 _KNOWN = {
     "intensity": ("intensity",),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pcdnf.denoiser import Cloud, Denoiser, Plan, iteration_seed
 from pcdnf.errors import PcdnfError
+from pcdnf.formats.scanner_positions import known_sides
 from pcdnf.inference.unit_frame import Frame
 
 from ..jobs.job import Job
@@ -74,7 +75,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
         denoiser = pinned_model(runtime, job)
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
-        normals = given.normals
+        normals = known_sides(given)
         if now.before is not None:
             merged = load_arrays(runtime, job.id, now.before)
             points, normals = merged["points"], merged["normals"]

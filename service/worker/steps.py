@@ -21,6 +21,7 @@ from pcdnf.denoiser import Stopped
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
+from pcdnf.formats.scanner_positions import known_sides
 from pcdnf.geometry.orientation import orient_normals
 
 from ..jobs.dbos_contract import GIVEN_UP
@@ -228,7 +229,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
     metadata |= {"orient": "on" if parameters["orient"] else "off", "outliers": parameters["outliers"]}
     normals = merged["normals"]
     if parameters["orient"]:
-        normals = orient_normals(merged["points"], normals, like=given.normals)
+        normals = orient_normals(merged["points"], normals, like=known_sides(given))
     cloud = given.replaced(merged["points"], normals, metadata=metadata)
     warnings = list(cloud.warnings)
     results = {}

@@ -12,12 +12,9 @@ from ..errors import FormatError, check_available, shown
 from ..flavours import E57Flavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
-from ..roles import CHANNELS
+from ..roles import CHANNELS, SCAN_INDEX
 from .buffers import Buffers
 from .header import Header, Scan, read_scans
-
-SCAN_INDEX = "scan_index"
-"""The column that says which scan a point is of, where there are several."""
 
 AXES = ("cartesianX", "cartesianY", "cartesianZ")
 NORMALS = ("nor:normalX", "nor:normalY", "nor:normalZ")

@@ -14,8 +14,9 @@ from ..colours import BYTE
 from ..errors import check_available, shown
 from ..flavours import E57Flavour
 from ..point_cloud import PointCloud
+from ..roles import SCAN_INDEX
 from .buffers import Buffers
-from .codec import AXES, COLOURS, NORMALS, SCAN_INDEX, STANDARD, rotation_matrix
+from .codec import AXES, COLOURS, NORMALS, STANDARD, rotation_matrix
 from .facts import Fact, fact_node, limits
 from .header import NORMALS_URI, Scan
 

@@ -19,10 +19,8 @@ from ..limits import Limits, check_count, check_enough
 from ..ply.header import Element, Property
 from ..ply.text import TextBody, write_rows
 from ..point_cloud import PointCloud, checked
-from ..roles import CHANNELS
+from ..roles import CHANNELS, SCAN_INDEX
 
-SCAN_INDEX = "scan_index"
-"""The column that says which scan a point is of, where there are several."""
 MAX_SCANS = 1000
 HEAD_LINES = 10
 _WIDTHS = (4, 7)

@@ -73,7 +73,7 @@ class Parameters(BaseModel):
     normals: Literal["auto", "pca", "input"] = Field(
         "auto",
         description="Source of the initial normals: estimated at a scale that suits the noise, from 24 neighbours, or "
-        "those of the file. If the file has normals, they decide the side in every case",
+        "those of the file. The side is that of the file's normals, if it has any, else that of its scanner",
     )
     orient: bool = Field(False, description="Turn the normals of the result to one side of the surface")
     outliers: Literal["keep", "drop"] = Field(
