@@ -84,10 +84,11 @@ def mutant(data: bytes, rng: np.random.Generator) -> bytes:
 def with_checksums(data: bytes) -> bytes:
     """Pages of an E57 with the checksums (CRC-32C) of what they hold now."""
     pages = [data[at : at + 1020].ljust(1020, b"\0") for at in range(0, len(data), 1024)]
-    return b"".join(page + struct.pack(">I", _crc32c(page)) for page in pages)
+    return b"".join(page + struct.pack(">I", crc32c(page)) for page in pages)
 
 
-def _crc32c(data: bytes) -> int:
+def crc32c(data: bytes) -> int:
+    """The checksum of a page of an E57 (Castagnoli)."""
     value = 0xFFFFFFFF
     for octet in data:
         value = _TABLE[(value ^ octet) & 255] ^ (value >> 8)

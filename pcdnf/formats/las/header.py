@@ -139,6 +139,8 @@ def read_header(file: BinaryIO, size: int) -> Header:
         compression=compression if kind & COMPRESSED else b"",
     )
     if kind & COMPRESSED:
+        if evlr_count and evlr_start < start:
+            _bad(f"its extended records begin at {evlr_start}, before its points at {start}")
         header.end = evlr_start if evlr_count else size
         _check_compression(file, header, size)
     elif header.end > size:

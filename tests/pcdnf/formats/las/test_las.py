@@ -276,6 +276,7 @@ def test_compressed_points_that_lie(refused: Refused, laz_bytes: bytes) -> None:
     start = struct.unpack_from("<I", laz_bytes, 96)[0]
     assert refused(changed(laz_bytes, start, "<q", 10)).code == "bad_header"
     assert refused(changed(laz_bytes, start, "<q", 2**62)).code == "bad_header"
+    assert "before its points" in str(refused(changed(laz_bytes, 243, "<I", 1)))
     table = struct.unpack_from("<q", laz_bytes, start)[0]
     assert refused(changed(laz_bytes, table + 4, "<I", 2**32 - 1)).code == "bad_header"
     assert refused(changed(laz_bytes, 247, "<Q", 10**7)).code in ("compression_ratio", "bad_header")
