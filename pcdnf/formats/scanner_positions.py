@@ -14,7 +14,7 @@ _SPHERICAL = "sphericalRange"
 
 
 def towards_scanner(cloud: PointCloud) -> NDArray[np.float64] | None:
-    """Directions from points to the scanner that saw them.
+    """Return the directions from points to the scanner that saw them.
 
     Scans on a grid tell: those of a PTX, of an E57 with rows and columns or spherical coordinates, and an organised
     PCD with its viewpoint. Other clouds may have been joined from many places.
@@ -35,11 +35,12 @@ def towards_scanner(cloud: PointCloud) -> NDArray[np.float64] | None:
     rows = np.zeros(len(cloud), np.int64) if index is None or len(places) == 1 else index.astype(np.int64)
     ways: NDArray[np.float64] = places[rows] - cloud.points
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)
-    return np.divide(ways, lengths, out=np.full_like(ways, np.nan), where=lengths > 0)
+    units: NDArray[np.float64] = np.divide(ways, lengths, out=np.full_like(ways, np.nan), where=lengths > 0)
+    return units
 
 
 def _places(flavour: Flavour) -> NDArray[np.float64]:
-    """The position of each scan in the common frame, (scans, 3); NaN where it is not known."""
+    """Return the position of each scan in the common frame, (scans, 3); NaN if it is not known."""
     places: list[tuple[float, ...]] = []
     unknown = (np.nan,) * 3
     if isinstance(flavour, PtxFlavour):
@@ -54,5 +55,5 @@ def _places(flavour: Flavour) -> NDArray[np.float64]:
 
 
 def known_sides(cloud: PointCloud) -> NDArray[np.floating] | None:
-    """The normals of the file, else directions to its scanner, (N, 3): the side that new normals take."""
+    """Return the normals of the file, else directions to its scanner, (N, 3): the side that new normals take."""
     return towards_scanner(cloud) if cloud.normals is None else cloud.normals
