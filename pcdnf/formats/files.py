@@ -32,7 +32,8 @@ from .ply.codec import read_ply, write_ply
 from .point_cloud import PointCloud
 from .ptx.codec import read_ptx, write_ptx
 from .readback import check_written
-from .xyz.codec import read_xyz, write_xyz
+from .xyz.codec import read_xyz
+from .xyz.write import write_xyz
 
 _GRID = 0.5 / COARSEST
 """Coordinates of a LAS move by half a step of a grid of at least so many steps between neighbours."""

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..errors import FormatError, shown
+from ..header_errors import HeaderErrors
 from .facts import Fact, read_facts
 
 MAX_XML_BYTES = 16 * 1024**2
@@ -36,6 +37,8 @@ _DERIVED = ("cartesianBounds", "sphericalBounds")
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _INTEGERS = ("u1", "i1", "u2", "i2", "u4", "i4")
+
+_ERRORS = HeaderErrors("E57 header", "Export the file again with a tool that writes E57 1.0, or as LAS or PLY.")
 
 
 @dataclass(frozen=True)
@@ -157,20 +160,14 @@ def _xml(file: BinaryIO, size: int) -> tuple[ElementTree.Element, dict[str, str]
     """Return the root of the XML, and the prefixes of extensions by their address."""
     head = file.read(_HEADER.size)
     if len(head) < _HEADER.size:
-        _truncated(_HEADER.size, size)
+        _ERRORS.truncated(_HEADER.size, size)
     _, major, minor, length, offset, xml_length, page = _HEADER.unpack(head)
     if (major, minor, page) != (1, 0, _PAGE) or length % _PAGE:
-        _bad(f"version {major}.{minor} with pages of {page} bytes is not 1.0 with pages of {_PAGE}")
+        _ERRORS.wrong(f"version {major}.{minor} with pages of {page} bytes is not 1.0 with pages of {_PAGE}")
     if length > size:
-        _truncated(length, size)
+        _ERRORS.truncated(length, size)
     if length < size:
-        raise FormatError(
-            f"The header declares a file of {length} bytes; the file has {size}.",
-            code="trailing_data",
-            hint="Remove what follows the end.",
-            limit=length,
-            actual=size,
-        )
+        _ERRORS.trailing(length, size, hint="Remove what follows the end.")
     if xml_length > MAX_XML_BYTES:
         raise FormatError(
             f"The XML of the E57 has {xml_length} bytes; at most {MAX_XML_BYTES} are read.",
@@ -182,33 +179,33 @@ def _xml(file: BinaryIO, size: int) -> tuple[ElementTree.Element, dict[str, str]
     first, inside = divmod(offset, _PAGE)
     pages = -(-(inside + xml_length) // _PAYLOAD)
     if inside >= _PAYLOAD or (first + pages) * _PAGE > size:
-        _truncated((first + pages) * _PAGE, size)
+        _ERRORS.truncated((first + pages) * _PAGE, size)
     file.seek(first * _PAGE)
     raw = file.read(pages * _PAGE)
     text = b"".join(raw[at : at + _PAYLOAD] for at in range(0, len(raw), _PAGE))[inside : inside + xml_length]
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text or b"\0" in text:
-        _bad("its XML declares a document type, or is not UTF-8")
+        _ERRORS.wrong("its XML declares a document type, or is not UTF-8")
     try:
         prefixes = {uri: prefix for prefix, uri in _PREFIX.findall(text.decode("utf-8"))}
         return ElementTree.fromstring(text), prefixes
     except (ElementTree.ParseError, UnicodeDecodeError, ValueError):
-        _bad("its XML cannot be parsed")
+        _ERRORS.wrong("its XML cannot be parsed")
 
 
 def _scan(node: ElementTree.Element, number: int, size: int, prefixes: dict[str, str]) -> Scan:
     points = node.find("./{*}points")
     prototype = None if points is None else points.find("./{*}prototype")
     if points is None or prototype is None:
-        _bad(f"scan {number} has no points")
+        _ERRORS.wrong(f"scan {number} has no points")
     count, offset = _whole(points.get("recordCount", "0")), _whole(points.get("fileOffset", "0"))
     if min(count, offset) < 0:
-        _bad(f"scan {number} has {count} points at {offset}")
+        _ERRORS.wrong(f"scan {number} has {count} points at {offset}")
     fields = tuple(_field(child, prefixes) for child in prototype)
     if len(fields) > MAX_FIELDS:
         _too_many("fields in a scan", MAX_FIELDS, len(fields))
     names = [field.name for field in fields]
     if len(set(names)) != len(names):
-        _bad(f"scan {number} names a field twice")
+        _ERRORS.wrong(f"scan {number} names a field twice")
     if not any(set(wanted) <= set(names) for wanted in (_CARTESIAN, _SPHERICAL)):
         raise FormatError(
             f"Scan {number} has neither {', '.join(_CARTESIAN)} nor {', '.join(_SPHERICAL)}.",
@@ -217,14 +214,14 @@ def _scan(node: ElementTree.Element, number: int, size: int, prefixes: dict[str,
         )
     least = offset + count * sum(field.bits for field in fields) // 8
     if least > size or offset < _HEADER.size or offset >= size:
-        _truncated(max(least, _HEADER.size), size)
+        _ERRORS.truncated(max(least, _HEADER.size), size)
     values = {_path: _number(node, _path) for _path in ("w", "x", "y", "z")}
     shift = tuple(_number(node, axis, "translation") for axis in "xyz")
     if node.find("./{*}pose/{*}rotation") is None:
         values["w"] = 1.0
     length = math.sqrt(sum(value * value for value in values.values()))
     if not 0.99 < length < 1.01 or not all(map(math.isfinite, shift)):
-        _bad(f"the pose of scan {number} is no rotation and shift")
+        _ERRORS.wrong(f"the pose of scan {number} is no rotation and shift")
     unit = [value / length for value in values.values()]
     return Scan(
         number=number,
@@ -244,10 +241,10 @@ def _field(node: ElementTree.Element, prefixes: dict[str, str]) -> Field:
         double = node.get("precision", "double") == "double"
         return Field(name, "f8" if double else "f4", 64 if double else 32, path)
     if kind not in ("Integer", "ScaledInteger"):
-        _bad(f"field {shown(name)} is no number")
+        _ERRORS.wrong(f"field {shown(name)} is no number")
     least, most = _whole(node.get("minimum", str(-(2**63)))), _whole(node.get("maximum", str(2**63 - 1)))
     if not -(2**63) <= least <= most < 2**63:
-        _bad(f"field {shown(name)} has bounds that cannot be")
+        _ERRORS.wrong(f"field {shown(name)} has bounds that cannot be")
     bits = (most - least).bit_length()
     if kind == "ScaledInteger":
         return Field(name, "f8", bits, path)
@@ -265,7 +262,7 @@ def _spelled(node: ElementTree.Element, prefixes: dict[str, str]) -> tuple[str, 
 
 def _whole(text: str) -> int:
     if not text.removeprefix("-").isdecimal() or not text.isascii() or len(text) > 20:
-        _bad(f"{shown(text)} is no whole number")
+        _ERRORS.wrong(f"{shown(text)} is no whole number")
     return int(text)
 
 
@@ -274,15 +271,7 @@ def _number(node: ElementTree.Element, name: str, part: str = "rotation") -> flo
     try:
         return float(text)
     except ValueError:
-        _bad(f"{shown(text)} in a pose is no number")
-
-
-def _bad(what: str) -> NoReturn:
-    raise FormatError(
-        f"The E57 header is wrong: {what}.",
-        code="bad_header",
-        hint="Export the file again with a tool that writes E57 1.0, or as LAS or PLY.",
-    )
+        _ERRORS.wrong(f"{shown(text)} in a pose is no number")
 
 
 def _too_many(what: str, limit: int, actual: int) -> NoReturn:
@@ -292,14 +281,4 @@ def _too_many(what: str, limit: int, actual: int) -> NoReturn:
         hint="Export fewer at a time.",
         limit=limit,
         actual=actual,
-    )
-
-
-def _truncated(expected: int, size: int) -> NoReturn:
-    raise FormatError(
-        f"The E57 header declares a file of at least {expected} bytes; the file has {size}.",
-        code="truncated",
-        hint="The file is cut off, or its header declares too much: copy or export it again.",
-        limit=expected,
-        actual=size,
     )

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import BinaryIO, NoReturn
+from typing import BinaryIO
 
 import numpy as np
 
 from ..errors import FormatError, shown
+from ..header_errors import HeaderErrors
 from .points import EXTRA_ENTRY, EXTRA_TYPES, RECORDS, SCALED, Extra, bits_of, record_dtype
 
 MAX_RECORDS = 1000
@@ -30,6 +31,8 @@ _LASZIP = (b"laszip encoded", 22204)
 _EXTRA_BYTES = (b"LASF_Spec", 4)
 _ITEM = struct.Struct("<HHH")
 _LASZIP_FIXED = struct.Struct("<HHBBHIIqqH")
+
+_ERRORS = HeaderErrors("LAS header", "Export the file again with a tool that writes LAS 1.2 to 1.4.")
 
 
 @dataclass(frozen=True)
@@ -89,15 +92,15 @@ def read_header(file: BinaryIO, size: int) -> Header:
     """
     raw = file.read(_SIZES[5])
     if len(raw) < _SIZES[0]:
-        _truncated(_SIZES[0], size)
+        _ERRORS.truncated(_SIZES[0], size)
     major, minor = raw[24], raw[25]
     if major != 1 or minor not in _SIZES:
-        _bad(f"version {major}.{minor} is none of 1.0 to 1.5")
+        _ERRORS.wrong(f"version {major}.{minor} is none of 1.0 to 1.5")
     header_size, start, record_count = struct.unpack_from("<HII", raw, 94)
     if header_size < _SIZES[minor] or start < header_size:
-        _bad(f"a header of {header_size} bytes before points at {start} cannot be")
+        _ERRORS.wrong(f"a header of {header_size} bytes before points at {start} cannot be")
     if start > size:
-        _truncated(start, size)
+        _ERRORS.truncated(start, size)
     if start > MAX_HEADER_BYTES or record_count > MAX_RECORDS:
         raise FormatError(
             f"The LAS header has {start} bytes and {record_count} variable-length records.",
@@ -111,16 +114,16 @@ def read_header(file: BinaryIO, size: int) -> Header:
     kind, stride, count = struct.unpack_from("<BHI", head, 104)
     point_format = kind & 0x3F
     if point_format > _HIGHEST_FORMAT[minor]:
-        _bad(f"version 1.{minor} has no point format {point_format}")
+        _ERRORS.wrong(f"version 1.{minor} has no point format {point_format}")
     evlr_start = evlr_count = 0
     if minor >= 4:
         evlr_start, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         if count and long_count and count != long_count:
-            _bad(f"it declares {count} points and {long_count}")
+            _ERRORS.wrong(f"it declares {count} points and {long_count}")
         count = long_count or count
     scales, offsets = struct.unpack_from("<3d", head, 131), struct.unpack_from("<3d", head, 155)
     if not all(np.isfinite(scales)) or not all(np.isfinite(offsets)) or min(np.abs(scales)) == 0:
-        _bad("its scales and offsets must be finite, and no scale 0")
+        _ERRORS.wrong("its scales and offsets must be finite, and no scale 0")
     records, position = _records(head, header_size, record_count)
     compression = b"".join(record.data for record in records if (record.user, record.number) == _LASZIP)
     extras = _extras(records, point_format, stride)
@@ -140,31 +143,13 @@ def read_header(file: BinaryIO, size: int) -> Header:
     )
     if kind & COMPRESSED:
         if evlr_count and evlr_start < start:
-            _bad(f"its extended records begin at {evlr_start}, before its points at {start}")
+            _ERRORS.wrong(f"its extended records begin at {evlr_start}, before its points at {start}")
         header.end = evlr_start if evlr_count else size
         _check_compression(file, header, size)
     elif header.end > size:
-        _truncated(header.end, size)
+        _ERRORS.truncated(header.end, size)
     _check_tail(file, header, size, evlr_start, evlr_count)
     return header
-
-
-def _bad(what: str) -> NoReturn:
-    raise FormatError(
-        f"The LAS header is wrong: {what}.",
-        code="bad_header",
-        hint="Export the file again with a tool that writes LAS 1.2 to 1.4.",
-    )
-
-
-def _truncated(expected: int, size: int) -> NoReturn:
-    raise FormatError(
-        f"The LAS header declares a file of at least {expected} bytes; the file has {size}.",
-        code="truncated",
-        hint="The file is cut off, or its header declares too much: copy or export it again.",
-        limit=expected,
-        actual=size,
-    )
 
 
 def _records(head: bytes, position: int, count: int) -> tuple[list[Record], int]:
@@ -172,11 +157,11 @@ def _records(head: bytes, position: int, count: int) -> tuple[list[Record], int]
     records = []
     for _ in range(count):
         if position + VLR.size > len(head):
-            _bad("its variable-length records reach into the points")
+            _ERRORS.wrong("its variable-length records reach into the points")
         _, user, number, length, description = VLR.unpack_from(head, position)
         position += VLR.size
         if position + length > len(head):
-            _bad("its variable-length records reach into the points")
+            _ERRORS.wrong("its variable-length records reach into the points")
         records.append(Record(user.rstrip(b"\0"), number, description, head[position : position + length]))
         position += length
     return records, position
@@ -186,14 +171,14 @@ def _extras(records: list[Record], point_format: int, stride: int) -> tuple[Extr
     """Read the extra dimensions that fill up a record of `stride` bytes."""
     room = stride - record_dtype(point_format, ()).itemsize
     if room < 0:
-        _bad(f"point format {point_format} does not fit into {stride} bytes")
+        _ERRORS.wrong(f"point format {point_format} does not fit into {stride} bytes")
     entries = b"".join(record.data for record in records if (record.user, record.number) == _EXTRA_BYTES)
     extras: list[Extra] = []
     for at in range(0, len(entries) - EXTRA_ENTRY.size + 1, EXTRA_ENTRY.size):
         entry = entries[at : at + EXTRA_ENTRY.size]
         _, code, options, raw_name, *_ = EXTRA_ENTRY.unpack(entry)
         if code > 3 * len(EXTRA_TYPES):
-            _bad(f"extra dimension {len(extras)} has the type {code}, which LAS does not define")
+            _ERRORS.wrong(f"extra dimension {len(extras)} has the type {code}, which LAS does not define")
         dtype = EXTRA_TYPES[(code - 1) % len(EXTRA_TYPES)] if code else "u1"
         extra = Extra(
             name=_free(raw_name.split(b"\0")[0].decode("utf-8", "replace"), extras, point_format),
@@ -202,7 +187,7 @@ def _extras(records: list[Record], point_format: int, stride: int) -> tuple[Extr
             entry=entry,
         )
         if extra.size > room:
-            _bad(f"extra dimension {shown(extra.name)} does not fit into the {stride} bytes of a point")
+            _ERRORS.wrong(f"extra dimension {shown(extra.name)} does not fit into the {stride} bytes of a point")
         room -= extra.size
         extras.append(extra)
     if room:
@@ -227,35 +212,35 @@ def _check_compression(file: BinaryIO, header: Header, size: int) -> None:
     """Check the compression that a LAZ declares, before the library sees it."""
     data = header.compression
     if len(data) < _LASZIP_FIXED.size:
-        _bad("it is compressed and has no record on that")
+        _ERRORS.wrong("it is compressed and has no record on that")
     compressor, _, _, _, _, _, _, _, _, items = _LASZIP_FIXED.unpack_from(data)
     sizes = [_ITEM.unpack_from(data, at)[1] for at in range(_LASZIP_FIXED.size, len(data) - _ITEM.size + 1, _ITEM.size)]
     if len(sizes) != items or sum(sizes) != header.stride or compressor not in (1, 2, 3):
-        _bad("its record on compression does not agree with its points")
+        _ERRORS.wrong("its record on compression does not agree with its points")
     if compressor == _POINTWISE:
         if not header.start < header.end <= size:
-            _truncated(max(header.end, header.start + 1), size)
+            _ERRORS.truncated(max(header.end, header.start + 1), size)
         return
     if header.end > size or header.start + 8 > header.end:
-        _truncated(max(header.end, header.start + 8), size)
+        _ERRORS.truncated(max(header.end, header.start + 8), size)
     file.seek(header.start)
     (table,) = struct.unpack("<q", file.read(8))
     if table == -1:
         file.seek(header.end - 8)
         (table,) = struct.unpack("<q", file.read(8))
     if not header.start + 8 <= table <= header.end - 8:
-        _bad("its table of chunks is not in the file")
+        _ERRORS.wrong("its table of chunks is not in the file")
     file.seek(table)
     _, chunks = struct.unpack("<II", file.read(8))
     if chunks > max(header.count, 1):
-        _bad(f"it has {chunks} chunks for {header.count} points")
+        _ERRORS.wrong(f"it has {chunks} chunks for {header.count} points")
 
 
 def _check_tail(file: BinaryIO, header: Header, size: int, start: int, count: int) -> None:
     """Check that extended records follow the points and end with the file."""
     position, seen = header.end, 0
     if count and start != header.end:
-        _bad("its extended records do not follow the points")
+        _ERRORS.wrong("its extended records do not follow the points")
     if header.minor < 3 and not header.compression:
         count = 0
     while position < size and (seen < count if header.minor >= 4 else header.minor == 3):
@@ -266,12 +251,6 @@ def _check_tail(file: BinaryIO, header: Header, size: int, start: int, count: in
         position += EVLR.size + EVLR.unpack(head)[3]
         seen += 1
     if position > size or (header.minor >= 4 and seen < count):
-        _truncated(max(position, size + 1), size)
+        _ERRORS.truncated(max(position, size + 1), size)
     if position < size:
-        raise FormatError(
-            f"The header declares a file of {position} bytes; the file has {size}.",
-            code="trailing_data",
-            hint="Correct the counts in the header, or remove what follows the points.",
-            limit=position,
-            actual=size,
-        )
+        _ERRORS.trailing(position, size, hint="Correct the counts in the header, or remove what follows the points.")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
-
 import numpy as np
 
 from ..errors import FormatError
+from ..header_errors import HeaderErrors
 from ..limits import Limits, check_count
 from .faces import Mesh, bad_value, numbers_of
 
 _COUNTS = 3
+_ERRORS = HeaderErrors("OFF header", "Export the mesh again as PLY.")
 
 
 def parse_off(data: bytes, limits: Limits) -> Mesh:
@@ -26,7 +26,7 @@ def parse_off(data: bytes, limits: Limits) -> Mesh:
     kind, counts = head[0], head[1:] or (lines[1] if len(lines) > 1 else [])
     body = lines[1:] if head[1:] else lines[2:]
     if len(counts) not in (2, _COUNTS) or not all(word.isdigit() and len(word) < 12 for word in counts):
-        _bad("its counts must be three whole numbers: vertices, faces, edges")
+        _ERRORS.wrong("its counts must be three whole numbers: vertices, faces, edges")
     vertices, faces = int(counts[0]), int(counts[1])
     check_count(vertices, limits)
     if vertices + faces != len(body):
@@ -87,7 +87,3 @@ def _faces(rows: list[list[bytes]]) -> tuple[list[int], list[int], bool]:
 
 def _are_bytes(shades: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> bool:
     return bool((shades == np.rint(shades)).all() and shades.min() >= 0 and 1 < shades.max() <= 255)
-
-
-def _bad(what: str) -> NoReturn:
-    raise FormatError(f"The OFF header is wrong: {what}.", code="bad_header", hint="Export the mesh again as PLY.")

@@ -9,16 +9,17 @@ from typing import Any, BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from ..comments import note_lines
 from ..errors import FormatError, shown
 from ..flavours import PcdFlavour
 from ..limits import Limits, check_count, check_enough
-from ..ply.header import SPELLINGS, Element, Property, note_lines
+from ..ply.elements import SPELLINGS, Element, Property
 from ..ply.text import TextBody, write_rows
 from ..point_cloud import PointCloud, checked
 from ..roles import find_normals, free_normals
 from .columns import COLOUR_FIELDS, pcd_columns, unpacked
 from .coordinates import REMAINDERS, joined
-from .header import PADDING, Header, header_bytes, read_header
+from .header import ERRORS, PADDING, Header, header_bytes, read_header
 from .lzf import MAX_RATIO, decompress
 
 MAX_PADDING_BYTES = 64 * 1024
@@ -65,7 +66,7 @@ def _read_text(file: BinaryIO, header: Header, size: int) -> Columns:
     values = sum(field.count for field in header.fields)
     least = header.size + 2 * header.count * values - 1
     if least > size:
-        _truncated(header, f"at least {least}", least, size)
+        _truncated(header, least, size, exact=False)
     properties = []
     for number, field in enumerate(header.fields):
         spelled = SPELLINGS.get(field.dtype, "double")  # integers of 8 bytes, checked below
@@ -109,7 +110,7 @@ def _read_binary(file: BinaryIO, header: Header, size: int) -> Columns:
     file.seek(header.size)
     rows = np.fromfile(file, header.row_dtype(), header.count)
     if len(rows) < header.count:
-        _truncated(header, str(end), end, header.size + len(rows) * header.stride)
+        _truncated(header, end, header.size + len(rows) * header.stride)
     return [np.ascontiguousarray(rows[str(number)]) for number in range(len(header.fields))]
 
 
@@ -117,7 +118,7 @@ def _read_compressed(file: BinaryIO, header: Header, size: int, limits: Limits) 
     """Field after field, all of them packed by LZF."""
     start = header.size + _SIZES.size
     if start > size:
-        _truncated(header, f"at least {start}", start, size)
+        _truncated(header, start, size, exact=False)
     file.seek(header.size)
     packed, inflated = _SIZES.unpack(file.read(_SIZES.size))
     expected = header.count * header.stride
@@ -164,26 +165,15 @@ def _damaged() -> NoReturn:
 def _check_end(file: BinaryIO, header: Header, end: int, size: int) -> None:
     """Check that the file ends with its last point, or with a few zeros after it."""
     if end > size:
-        _truncated(header, str(end), end, size)
+        _truncated(header, end, size)
     file.seek(end)
     if size - end > MAX_PADDING_BYTES or any(file.read(size - end)):
-        raise FormatError(
-            f"The header declares a file of {end} bytes; the file has {size}.",
-            code="trailing_data",
-            hint="Correct WIDTH and HEIGHT in the header, or remove what follows the last point.",
-            limit=end,
-            actual=size,
-        )
+        hint = "Correct WIDTH and HEIGHT in the header, or remove what follows the last point."
+        ERRORS.trailing(end, size, hint=hint)
 
 
-def _truncated(header: Header, expected: str, limit: int, size: int) -> NoReturn:
-    raise FormatError(
-        f"The header declares {header.count} points and a file of {expected} bytes; the file has {size}.",
-        code="truncated",
-        hint="The file is cut off, or its header declares too much: copy or export it again.",
-        limit=limit,
-        actual=size,
-    )
+def _truncated(header: Header, declared: int, size: int, *, exact: bool = True) -> NoReturn:
+    ERRORS.truncated(declared, size, contents=f"{header.count} points", exact=exact)
 
 
 def _cloud(header: Header, columns: Columns) -> PointCloud:

@@ -12,11 +12,10 @@ from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 
+from ..comments import MAX_COMMENT_BYTES, MAX_LINE_BYTES, METADATA
 from ..errors import FormatError, shown
+from ..header_errors import HeaderErrors
 
-MAX_HEADER_BYTES = 64 * 1024
-MAX_LINE_BYTES = 1000
-"""Of a comment."""
 MAX_FIELD_LINE_BYTES = 16 * 1024
 """Of a line that has a value for each field."""
 MAX_FIELDS = 256
@@ -34,7 +33,8 @@ _VERSION = re.compile(r"0?\.[567]")
 _NUMBER = re.compile(r"[0-9]{1,19}")
 _REAL = re.compile(r"[-+0-9.eE]{1,32}")
 _NAME = re.compile(r"[\x21-\x7e]{1,64}")
-_METADATA = re.compile(r"pcdnf ([a-z0-9_]{1,64}): (.*)")
+
+ERRORS = HeaderErrors("PCD header", "Export the file again with a tool that writes PCD version 0.7.")
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def read_header(file: BinaryIO) -> Header:
         text = line.decode("utf-8", "surrogateescape").strip()
         if text.startswith("#"):
             note = text[1:].removeprefix(" ")
-            match = _METADATA.fullmatch(note)
+            match = METADATA.fullmatch(note)
             if match:
                 metadata[match[1]] = match[2]
             elif not (number == 1 and note.startswith(".PCD")):
@@ -117,15 +117,15 @@ def read_header(file: BinaryIO) -> Header:
         elif text:
             keyword, *words = text.split()
             if keyword not in _KEYWORDS:
-                _bad(f"line {number}, {shown(text)}, begins with none of {', '.join(_KEYWORDS)}")
+                ERRORS.wrong(f"line {number}, {shown(text)}, begins with none of {', '.join(_KEYWORDS)}")
             if keyword in entries:
-                _bad(f"there are two lines {keyword}")
+                ERRORS.wrong(f"there are two lines {keyword}")
             entries[keyword] = words
     missing = [keyword for keyword in _REQUIRED if keyword not in entries]
     if missing:
-        _bad(f"there is no line {', '.join(missing)}")
+        ERRORS.wrong(f"there is no line {', '.join(missing)}")
     if not _VERSION.fullmatch("".join(entries.get("VERSION", ["0.7"]))):
-        _bad("the version must be 0.7")
+        ERRORS.wrong("the version must be 0.7")
     header = Header(
         fields=_fields(entries),
         width=_number(entries, "WIDTH"),
@@ -137,20 +137,20 @@ def read_header(file: BinaryIO) -> Header:
         size=size,
     )
     if header.encoding not in ENCODINGS:
-        _bad(f"the data must be one of {', '.join(ENCODINGS)}, not {shown(header.encoding)}")
+        ERRORS.wrong(f"the data must be one of {', '.join(ENCODINGS)}, not {shown(header.encoding)}")
     if "POINTS" in entries and _number(entries, "POINTS") != header.count:
-        _bad(f"POINTS is {entries['POINTS'][0]}, WIDTH times HEIGHT is {header.count}")
+        ERRORS.wrong(f"POINTS is {entries['POINTS'][0]}, WIDTH times HEIGHT is {header.count}")
     if header.count >= 2**63:
-        _bad("WIDTH times HEIGHT is too large a number")
+        ERRORS.wrong("WIDTH times HEIGHT is too large a number")
     return header
 
 
 def _check_length(line: bytes, size: int, number: int) -> None:
     limit = MAX_LINE_BYTES if line.lstrip().startswith(b"#") else MAX_FIELD_LINE_BYTES
     if len(line.rstrip(b"\r\n")) > limit:
-        _too_long(f"Line {number} of the header", limit)
-    if size > MAX_HEADER_BYTES:
-        _too_long("The header", MAX_HEADER_BYTES)
+        ERRORS.too_long(f"Line {number} of the header", limit)
+    if size > MAX_COMMENT_BYTES:
+        ERRORS.too_long("The header", MAX_COMMENT_BYTES)
     if not line.endswith(b"\n"):
         raise FormatError(
             "The PCD header has no DATA line.",
@@ -159,40 +159,23 @@ def _check_length(line: bytes, size: int, number: int) -> None:
         )
 
 
-def _too_long(what: str, limit: int) -> NoReturn:
-    raise FormatError(
-        f"{what} is longer than {limit} bytes.",
-        code="header_too_long",
-        hint="Remove long or many comments from the header.",
-        limit=limit,
-    )
-
-
-def _bad(what: str) -> NoReturn:
-    raise FormatError(
-        f"The PCD header is wrong: {what}.",
-        code="bad_header",
-        hint="Export the file again with a tool that writes PCD version 0.7.",
-    )
-
-
 def _one(entries: dict[str, list[str]], keyword: str) -> str:
     if len(entries[keyword]) != 1:
-        _bad(f"the line {keyword} needs one value")
+        ERRORS.wrong(f"the line {keyword} needs one value")
     return entries[keyword][0]
 
 
 def _number(entries: dict[str, list[str]], keyword: str) -> int:
     word = _one(entries, keyword)
     if not _NUMBER.fullmatch(word):
-        _bad(f"{keyword} must be a whole number of 0 or more, not {shown(word)}")
+        ERRORS.wrong(f"{keyword} must be a whole number of 0 or more, not {shown(word)}")
     return int(word)
 
 
 def _viewpoint(entries: dict[str, list[str]]) -> str:
     words = entries.get("VIEWPOINT", ["0", "0", "0", "1", "0", "0", "0"])
     if len(words) != 7 or not all(_REAL.fullmatch(word) for word in words):
-        _bad("VIEWPOINT needs seven numbers")
+        ERRORS.wrong("VIEWPOINT needs seven numbers")
     return " ".join(words)
 
 
@@ -201,13 +184,13 @@ def _fields(entries: dict[str, list[str]]) -> tuple[Field, ...]:
     counts = entries.get("COUNT", ["1"] * len(names))
     columns = (entries["SIZE"], entries["TYPE"], counts)
     if any(len(column) != len(names) for column in columns):
-        _bad("FIELDS, SIZE, TYPE and COUNT differ in their number of values")
+        ERRORS.wrong("FIELDS, SIZE, TYPE and COUNT differ in their number of values")
     if len(names) > MAX_FIELDS:
         _too_many(f"{len(names)} fields; at most {MAX_FIELDS} are read", MAX_FIELDS, len(names))
     fields: list[Field] = []
     for name, size, kind, count in zip(names, *columns, strict=True):
         if not _NAME.fullmatch(name):
-            _bad("names have 1 to 64 printable ASCII characters")
+            ERRORS.wrong("names have 1 to 64 printable ASCII characters")
         if name != PADDING and any(name == field.name for field in fields):
             raise FormatError(
                 f"The PCD has two fields named {shown(name)}.",
@@ -221,7 +204,7 @@ def _fields(entries: dict[str, list[str]]) -> tuple[Field, ...]:
                 hint="The types are I and U of 1, 2, 4 or 8 bytes, and F of 4 or 8.",
             )
         if not _NUMBER.fullmatch(count) or int(count) == 0:
-            _bad(f"the count of {shown(name)} must be a whole number of 1 or more, not {shown(count)}")
+            ERRORS.wrong(f"the count of {shown(name)} must be a whole number of 1 or more, not {shown(count)}")
         fields.append(Field(name, _TYPES[kind + size], int(count)))
     values = sum(field.count for field in fields)
     if values > MAX_VALUES:

@@ -8,13 +8,15 @@ from typing import Any, BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from ..comments import note_lines
 from ..errors import FormatError, shown
 from ..flavours import Block, PlyFlavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
 from ..roles import NORMALS, find_normals, free_normals
 from .columns import Column, ply_columns
-from .header import BYTE_ORDERS, TYPES, Element, Header, header_bytes, note_lines, read_header
+from .elements import BYTE_ORDERS, TYPES, Element
+from .header import ERRORS, Header, header_bytes, read_header
 from .lists import scalar_rows, skip_lists
 from .text import TextBody, write_rows
 
@@ -62,7 +64,7 @@ class Body:
 def _read_text(file: BinaryIO, header: Header, size: int) -> Body:
     shortest = header.size - 1 + sum(2 * element.count * len(element.properties) for element in header.elements)
     if shortest > size:
-        _truncated(header, f"at least {shortest}", shortest, size)
+        _truncated(header, shortest, size)
     text, body = TextBody(file, header.newline), Body()
     blocks = body.before
     for element in header.elements:
@@ -82,7 +84,7 @@ def _read_binary(file: BinaryIO, header: Header, size: int) -> Body:
     least = header.size + sum(element.count * element.least_stride for element in header.elements)
     exact = not any(element.has_list for element in header.elements)
     if least > size:
-        _truncated(header, f"{'' if exact else 'at least '}{least}", least, size)
+        _truncated(header, least, size, exact=exact)
     byte_order = BYTE_ORDERS[header.encoding]
     position, body = header.size, Body()
     blocks = body.before
@@ -95,7 +97,7 @@ def _read_binary(file: BinaryIO, header: Header, size: int) -> Body:
         else:
             position += element.count * element.least_stride
         if position > size:
-            _truncated(header, f"at least {position}", position, size)
+            _truncated(header, position, size)
         if element is header.vertex:
             rows = scalar_rows(data, element, byte_order) if element.has_list else _read_rows(file, element, byte_order)
             body.rows, blocks = rows, body.after
@@ -103,13 +105,8 @@ def _read_binary(file: BinaryIO, header: Header, size: int) -> Body:
             file.seek(start)
             blocks.append(Block(element.name, tuple(element.lines()), file.read(position - start)))
     if position != size:
-        raise FormatError(
-            f"The header declares a file of {position} bytes; the file has {size}.",
-            code="trailing_data",
-            hint="Correct the counts in the header, or remove what follows the last element.",
-            limit=position,
-            actual=size,
-        )
+        hint = "Correct the counts in the header, or remove what follows the last element."
+        ERRORS.trailing(position, size, hint=hint)
     return body
 
 
@@ -126,14 +123,8 @@ def _read_rows(file: BinaryIO, element: Element, byte_order: str) -> Rows:
     return rows
 
 
-def _truncated(header: Header, expected: str, limit: int, size: int) -> NoReturn:
-    raise FormatError(
-        f"The header declares {header.vertex.count} vertices and a file of {expected} bytes; the file has {size}.",
-        code="truncated",
-        hint="The file is cut off, or its header declares too much: copy or export it again.",
-        limit=limit,
-        actual=size,
-    )
+def _truncated(header: Header, declared: int, size: int, *, exact: bool = False) -> NoReturn:
+    ERRORS.truncated(declared, size, contents=f"{header.vertex.count} vertices", exact=exact)
 
 
 def _cloud(header: Header, body: Body) -> PointCloud:

@@ -14,7 +14,7 @@ from ..colours import BYTE
 from ..errors import FormatError, shown
 from ..flavours import NpzFlavour, PlyFlavour
 from ..point_cloud import PointCloud
-from .header import SPELLINGS, TYPES
+from .elements import SPELLINGS, TYPES
 
 Column = tuple[str, str, NDArray[Any]]
 """Name, PLY type as spelled, (N,) values."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, shown
-from .header import TYPES, Element
+from .elements import TYPES, Element
 
 _LARGEST_RUN = 1 << 20
 

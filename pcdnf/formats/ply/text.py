@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, shown
-from .header import Element
+from .elements import Element
 
 MAX_TOKEN_BYTES = 64
 MAX_TEXT_LINE_BYTES = 16 * 1024**2

@@ -6,17 +6,19 @@ that moves its points into the common frame, and one line of x y z intensity, or
 
 from __future__ import annotations
 
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..attributes import numeric_attributes, renamed, with_colours
 from ..colours import BYTE, sixteen_bit_intensity
-from ..errors import FormatError, shown
+from ..comments import MAX_LINE_BYTES
+from ..errors import shown
 from ..flavours import PtxFlavour, PtxScan
+from ..header_errors import HeaderErrors
 from ..limits import Limits, check_count, check_enough
-from ..ply.header import Element, Property
+from ..ply.elements import Element, Property
 from ..ply.text import TextBody, write_rows
 from ..point_cloud import PointCloud, checked
 from ..roles import CHANNELS, SCAN_INDEX
@@ -24,7 +26,7 @@ from ..roles import CHANNELS, SCAN_INDEX
 MAX_SCANS = 1000
 HEAD_LINES = 10
 _WIDTHS = (4, 7)
-_MAX_LINE_BYTES = 1000
+_ERRORS = HeaderErrors("PTX", "Export the scans again as PTX, or as E57.")
 _LOOSE = 1e-3  # of a rotation, as matrices are written with few digits
 
 
@@ -50,17 +52,18 @@ def read_ptx(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
     count = 0
     while (scan := _head(file, len(scans))) is not None:
         if len(scans) == MAX_SCANS:
-            _bad(f"it has more than {MAX_SCANS} scans")
+            _ERRORS.wrong(f"it has more than {MAX_SCANS} scans")
         count += scan.columns * scan.rows
         check_count(count, limits)
         if file.tell() + 8 * scan.columns * scan.rows - 1 > size:
-            _bad(f"scan {len(scans)} declares {scan.columns * scan.rows} points, more than the file has room for", True)
+            declared = f"scan {len(scans)} declares {scan.columns * scan.rows} points"
+            _ERRORS.wrong(f"{declared}, more than the file has room for", code="truncated")
         parts.append(_points(file, scan, len(scans)))
         scans.append(scan)
     check_enough(count, limits)
     widths = {part.shape[1] for part in parts}
     if len(widths) > 1:
-        _bad("some scans have colours and others have none")
+        _ERRORS.wrong("some scans have colours and others have none")
     return checked(_cloud(scans, parts), limits)
 
 
@@ -68,7 +71,7 @@ def _head(file: BinaryIO, number: int) -> PtxScan | None:
     """Read the ten lines before the points of a scan; return None at the end of the file."""
     lines: list[list[str]] = []
     while len(lines) < HEAD_LINES:
-        line = file.readline(_MAX_LINE_BYTES)
+        line = file.readline(MAX_LINE_BYTES)
         if not line:
             break
         if line.strip():
@@ -79,15 +82,15 @@ def _head(file: BinaryIO, number: int) -> PtxScan | None:
     if [len(line) for line in lines] != widths or not all(
         line[0].isdecimal() and len(line[0]) < 10 for line in lines[:2]
     ):
-        _bad(f"scan {number} does not begin with columns, rows, a position, three axes and a matrix")
+        _ERRORS.wrong(f"scan {number} does not begin with columns, rows, a position, three axes and a matrix")
     try:
         values = [[float(word) for word in line] for line in lines[2:]]
     except ValueError:
-        _bad(f"the position or the matrix of scan {number} holds words")
+        _ERRORS.wrong(f"the position or the matrix of scan {number} holds words")
     matrix = np.array(values[4:])
     turn = matrix[:3, :3]
     if not np.isfinite(matrix).all() or np.abs(turn @ turn.T - np.eye(3)).max() > _LOOSE:
-        _bad(f"the matrix of scan {number} is no rotation and shift")
+        _ERRORS.wrong(f"the matrix of scan {number} is no rotation and shift")
     return PtxScan(int(lines[0][0]), int(lines[1][0]), tuple(" ".join(line) for line in lines[2:]))
 
 
@@ -96,12 +99,12 @@ def _points(file: BinaryIO, scan: PtxScan, number: int) -> NDArray[np.float64]:
     start = file.tell()
     line = b""
     while not line.strip():
-        line = file.readline(_MAX_LINE_BYTES)
+        line = file.readline(MAX_LINE_BYTES)
         if not line:
-            _bad(f"scan {number} has no points", True)
+            _ERRORS.wrong(f"scan {number} has no points", code="truncated")
     width = len(line.split())
     if width not in _WIDTHS:
-        _bad(f"the rows of scan {number} have {width} values; they may have 4 or 7")
+        _ERRORS.wrong(f"the rows of scan {number} have {width} values; they may have 4 or 7")
     file.seek(start)
     element = Element(f"scan {number}", scan.columns * scan.rows, [Property(str(i), "double") for i in range(width)])
     body = TextBody(file)
@@ -179,11 +182,3 @@ def _write_scan(file: BinaryIO, points: NDArray[Any], scan: PtxScan, values: lis
     local[~seen] = 0
     file.write("".join(f"{line}\n" for line in (columns, rows, *scan.lines)).encode())
     write_rows(file, [*local.T, *values])
-
-
-def _bad(what: str, is_short: bool = False) -> NoReturn:
-    raise FormatError(
-        f"The PTX is wrong: {what}.",
-        code="truncated" if is_short else "bad_header",
-        hint="Export the scans again as PTX, or as E57.",
-    )

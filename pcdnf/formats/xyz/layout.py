@@ -6,17 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from ..comments import MAX_COMMENT_BYTES, MAX_LINE_BYTES, METADATA
 from ..errors import FormatError, shown
 
 MAX_COLUMNS = 256
-MAX_COMMENT_BYTES = 64 * 1024
-"""Of all comment lines together."""
-MAX_LINE_BYTES = 1000
-"""Of a comment line."""
 MAX_ROW_BYTES = 64 * 1024
 
 _COMMENT = re.compile(rb"[ \t]*(#|//|%)[ \t]?(.*)", re.DOTALL)
-_METADATA = re.compile(r"pcdnf ([a-z0-9_]{1,64}): (.*)")
 COLMAP_NAMES = ("point3d_id", "x", "y", "z", "r", "g", "b", "error")
 """Columns of COLMAP's ``points3D.txt``; the images that saw a point follow."""
 _COLMAP = "POINT3D_ID"
@@ -81,7 +77,7 @@ class Layout:
                     limit=limit,
                 )
         text = match[2].decode("utf-8", "surrogateescape").rstrip("\r\n")
-        recorded = _METADATA.fullmatch(text)
+        recorded = METADATA.fullmatch(text)
         if recorded:
             self.metadata[recorded[1]] = recorded[2]
         else:

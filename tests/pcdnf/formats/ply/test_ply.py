@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pcdnf.formats import PlyFlavour, PointCloud, read, write
-from pcdnf.formats.ply.header import BYTE_ORDERS, TYPES
+from pcdnf.formats.ply.elements import BYTE_ORDERS, TYPES
 from tests.support.ply_files import XYZ, floats, header, vertices
 
 # What comes back

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pcdnf.formats import PlyFlavour, PointCloud, read, write
-from pcdnf.formats.ply.header import BYTE_ORDERS
+from pcdnf.formats.ply.elements import BYTE_ORDERS
 from tests.support.ply_files import XYZ, Refused, floats, header, vertices
 
 # What is refused
