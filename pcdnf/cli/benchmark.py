@@ -132,8 +132,8 @@ def _on_clouds(options: argparse.Namespace) -> int:
 
 def _on_scans(options: argparse.Namespace) -> int:
     """Return scans with their truth x methods."""
-    from ..benchmark.filters import SCAN_PEERS
     from ..benchmark.methods import Noisy
+    from ..benchmark.scan_peers import SCAN_PEERS
     from ..benchmark.scan_report import ScanReport
     from ..benchmark.scan_runs import ScanResults
     from ..benchmark.scans import TrueScan, read_scans, simulated_scans, thinned
@@ -158,7 +158,8 @@ def _on_scans(options: argparse.Namespace) -> int:
 
 def _peers(names: list[str], *, of_scans: bool = False) -> list[Method | Choice]:
     """Return the named peers; a sentence on standard error for each whose program is missing."""
-    from ..benchmark.filters import missing_programs, scan_peers, with_programs
+    from ..benchmark.programs import missing_programs
+    from ..benchmark.scan_peers import scan_peers, with_programs
 
     missing = missing_programs(names)
     for sentence in missing.values():

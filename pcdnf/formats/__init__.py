@@ -9,10 +9,11 @@ does not import torch.
 """
 
 from .errors import CODES, FormatError
-from .files import read, sniff, write
+from .files import read, write
 from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, PtxFlavour, XyzFlavour
 from .limits import Limits
 from .point_cloud import PointCloud
+from .signatures import sniff
 
 __all__ = [
     "CODES",

@@ -8,128 +8,25 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS, titles
+from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS
 from .attributes import renamed
-from .codec import Codec, FileCodec
+from .codec import Codec
 from .coordinates import Coordinates, with_coordinates, without_steps
-from .e57.codec import read_e57
-from .e57.write import write_e57
 from .errors import FormatError, check_available, shown
 from .flavours import PcdFlavour, PlyFlavour
-from .las.codec import arranged, read_las, write_las
-from .las.grid import COARSEST
 from .limits import Limits
 from .mesh.codec import HEAD_BYTES, mesh_kind, read_mesh
-from .npz.codec import read_npz, write_npz
-from .pcd.codec import read_pcd, write_pcd
-from .ply.codec import read_ply, write_ply
 from .point_cloud import PointCloud
-from .ptx.codec import read_ptx, write_ptx
 from .readback import check_written
-from .xyz.codec import read_xyz
-from .xyz.write import write_xyz
+from .registry import CODECS, COPC, COPC_ENDING
+from .signatures import MAGIC_BYTES, is_ptx, sniff
 
-_GRID = 0.5 / COARSEST
-"""Coordinates of a LAS move by half a step of a grid of at least so many steps between neighbours."""
-
-CODECS: dict[str, Codec] = {
-    codec.name: codec
-    for codec in (
-        FileCodec("ply", read_ply, write_ply),
-        FileCodec("npz", read_npz, write_npz),
-        FileCodec("pcd", read_pcd, write_pcd),
-        FileCodec("xyz", read_xyz, partial(write_xyz, format_="xyz")),
-        FileCodec("csv", read_xyz, partial(write_xyz, format_="csv")),
-        FileCodec("pts", read_xyz, partial(write_xyz, format_="pts")),
-        FileCodec("ptx", read_ptx, write_ptx),
-        FileCodec("las", read_las, partial(write_las, compressed=False), holds_holes=False, rounding=_GRID),
-        FileCodec("laz", read_las, partial(write_las, compressed=True), holds_holes=False, rounding=_GRID),
-        FileCodec("e57", read_e57, write_e57),
-    )
-}
-"""How each format of :data:`pcdnf.file_formats.FORMATS` is read and written."""
-
-COPC = FileCodec(
-    "laz",
-    read_las,
-    partial(write_las, compressed=True, copc=True),
-    holds_holes=False,
-    rounding=_GRID,
-    arranger=arranged,
-)
-"""A LAZ whose name ends in :data:`COPC_ENDING`."""
-COPC_ENDING = ".copc.laz"
 _OWN_TYPES = ("las", "laz", "e57")
-
-OTHERS = {
-    b"glTF": "a binary glTF (GLB)",
-    b"{": "JSON, such as a glTF",
-    b"solid ": "an STL mesh without triangles",
-    b"OFF": "a binary OFF mesh",
-    b"Kaydara FBX": "an FBX scene",
-    b"\x1f\x8b": "compressed by gzip, such as SPZ splats",
-    b"\x89HDF": "an HDF5 file",
-    b"AC10": "a DWG drawing",
-    b"ncp": "a Leica or Bentley point cloud",
-}
-"""First bytes of files that people have and that are not read."""
-OTHER_SUFFIXES = {
-    ".splat": "Gaussian splats without a signature",
-    ".ksplat": "Gaussian splats of a web viewer",
-    ".dxf": "a DXF drawing",
-    ".fls": "a FARO scan",
-    ".rcs": "an Autodesk ReCap scan",
-    ".rcp": "an Autodesk ReCap project",
-    ".zfs": "a Zoller + Froehlich scan",
-    ".rxp": "a RIEGL scan",
-    ".bin": "a binary file without a signature, such as one of CloudCompare or KITTI",
-}
-"""Endings of names for files that have no first bytes of their own, and are not read."""
-
-_MAGIC_BYTES = 16
-_MAGIC_LINES_BYTES = 2048
-
-
-def sniff(head: bytes, *, text: bool = False, suffix: str = "") -> str:
-    """Return the format of a file by its first bytes (16 are enough); "xyz" for unknown bytes if `text` is true.
-
-    Parameters
-    ----------
-    head : bytes
-    text : bool
-        Whether other first bytes are those of columns of text.
-    suffix : str
-        The ending of the file's name, by which a refusal says what it is.
-
-    Raises
-    ------
-    FormatError
-        ``empty_file``, ``unknown_format``, or ``missing_extra`` for a format whose library is not there.
-    """
-    for name, codec in CODECS.items():
-        if codec.sniff(head):
-            check_available(name)
-            return name
-    if not head:
-        raise FormatError("The file is empty.", code="empty_file", hint=f"Send {titles()}.")
-    if text:
-        return "xyz"
-    title = next((title for magic, title in OTHERS.items() if head.startswith(magic)), OTHER_SUFFIXES.get(suffix))
-    if title is not None:
-        raise FormatError(
-            f"The file is {title}, which is not read.", code="unknown_format", hint="Export its points as PLY or LAZ."
-        )
-    raise FormatError(
-        f"The file is not of a known format: its first bytes are none of those of {titles()}.",
-        code="unknown_format",
-        hint="Send a PLY file, or arrays saved with numpy.savez(path, points=…); name text files .xyz or .csv.",
-    )
 
 
 def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bool | None = None) -> PointCloud:
@@ -171,18 +68,10 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bo
         if mesh is not None:
             return without_steps(read_mesh(file, mesh, limits))
         suffix = Path(path).suffix.lower()
-        kind = sniff(head[:_MAGIC_BYTES], text=_is_text(path) if text is None else text, suffix=suffix)
-        if kind == "xyz" and (suffix == ".ptx" or (text and _is_ptx(file))):
+        kind = sniff(head[:MAGIC_BYTES], text=_is_text(path) if text is None else text, suffix=suffix)
+        if kind == "xyz" and (suffix == ".ptx" or (text and is_ptx(file))):
             kind = "ptx"
         return without_steps(CODECS[kind].read(file, size, limits))
-
-
-def _is_ptx(file: BinaryIO) -> bool:
-    """Whether text begins as a PTX does: two whole numbers, then three lines and more of three numbers."""
-    head = file.read(_MAGIC_LINES_BYTES).split(b"\n")
-    file.seek(0)
-    widths = [len(line.split()) for line in head if line.strip()][:10]
-    return widths == [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
 
 
 def _is_text(path: str | os.PathLike[str]) -> bool:

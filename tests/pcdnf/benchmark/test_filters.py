@@ -10,16 +10,9 @@ import pytest
 
 from pcdnf.benchmark.choice import Choice
 from pcdnf.benchmark.clouds import analytic_clouds
-from pcdnf.benchmark.filters import (
-    PROGRAMS,
-    CloudCompare,
-    MeshLab,
-    PclMls,
-    Plane,
-    missing_programs,
-    scan_peers,
-    with_programs,
-)
+from pcdnf.benchmark.filters import Plane
+from pcdnf.benchmark.programs import PROGRAMS, CloudCompare, MeshLab, PclMls, missing_programs
+from pcdnf.benchmark.scan_peers import scan_peers, with_programs
 from pcdnf.errors import PcdnfError
 from pcdnf.metrics import score
 

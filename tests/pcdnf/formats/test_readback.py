@@ -9,8 +9,10 @@ from typing import Any, BinaryIO
 import numpy as np
 import pytest
 
-from pcdnf.formats import FormatError, PointCloud, files, write
+from pcdnf.formats import FormatError, PointCloud, write
 from pcdnf.formats.codec import FileCodec
+from pcdnf.formats.ply.codec import read_ply, write_ply
+from pcdnf.formats.registry import CODECS
 
 RNG = np.random.default_rng(0)
 CLOUD = PointCloud(
@@ -20,14 +22,14 @@ CLOUD = PointCloud(
 )
 
 
-@pytest.mark.parametrize("ending", list(files.CODECS))
+@pytest.mark.parametrize("ending", list(CODECS))
 def test_every_format_passes_the_check(tmp_path: Path, ending: str) -> None:
     write(tmp_path / "a", CLOUD, format=ending, check=True)
     assert (tmp_path / "a").stat().st_size > 0
 
 
 def _spoil(change: Callable[[PointCloud], PointCloud]) -> Callable[[BinaryIO, PointCloud], list[str]]:
-    return lambda file, cloud: files.write_ply(file, change(cloud))
+    return lambda file, cloud: write_ply(file, change(cloud))
 
 
 def _moved(cloud: PointCloud) -> PointCloud:
@@ -54,7 +56,7 @@ def _other_column(cloud: PointCloud) -> PointCloud:
 def test_a_wrong_file_is_an_error_and_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, words: str
 ) -> None:
-    monkeypatch.setitem(files.CODECS, "ply", FileCodec("ply", files.read_ply, _spoil(change)))
+    monkeypatch.setitem(CODECS, "ply", FileCodec("ply", read_ply, _spoil(change)))
     with pytest.raises(FormatError, match=words) as caught:
         write(tmp_path / "a.ply", CLOUD, check=True)
     assert caught.value.code == "written_wrong"
