@@ -12,7 +12,7 @@ from .colours import BYTE, WORD, colours_of, sixteen_bit_intensity
 from .errors import FormatError, shown
 from .limits import Limits, check_enough
 from .point_cloud import PointCloud
-from .roles import CHANNELS, canonical_name
+from .roles import CHANNELS, canonical_name, channels_of
 
 Columns = dict[str, NDArray[Any]]
 
@@ -97,7 +97,13 @@ def renamed(attributes: Columns) -> Columns:
     kept: Columns = {}
     for name, column in attributes.items():
         fixed = canonical_name(name)
-        kept[name if fixed in attributes or fixed in kept else fixed] = column
+        channels = channels_of(name, column.shape[1]) if column.ndim == 2 else ()
+        if channels and not {*channels} & {*attributes}:
+            kept |= dict(zip(channels, np.ascontiguousarray(column.T), strict=True))
+        elif column.ndim == 2 and column.shape[1] == 1:
+            kept[name if fixed in attributes or fixed in kept else fixed] = column[:, 0]
+        else:
+            kept[name if fixed in attributes or fixed in kept else fixed] = column
     return kept
 
 

@@ -21,6 +21,9 @@ NEW_NORMALS = (*NORMALS[:2], ("denoised_nx", "denoised_ny", "denoised_nz"))
 CHANNELS = ("red", "green", "blue")
 """The names of colours in all formats but those that have names of their own."""
 
+_TOGETHER = {"rgb", "rgba", "color", "colors", "colour", "colours"}
+"""Names of a column that holds all channels of a colour, in an NPZ."""
+
 COLOURS = (
     CHANNELS,
     ("r", "g", "b"),
@@ -35,7 +38,7 @@ SCAN_INDEX = "scan_index"
 
 _SCALAR = "scalar_"
 _KNOWN = {
-    "intensity": ("intensity",),
+    "intensity": ("intensity", "intensities"),
     "classification": ("classification", "label_class"),
     "gps_time": ("gps_time", "gpstime", "gps time"),
     "return_number": ("return_number", "returnnumber", "return number"),
@@ -92,3 +95,8 @@ def find_colours(names: Iterable[str]) -> Triple | None:
 def canonical_name(name: str) -> str:
     """Return the name that formats with fixed fields use for a column: ``scalar_GpsTime`` is ``gps_time``."""
     return _CANONICAL.get(name.lower().removeprefix(_SCALAR), name)
+
+
+def channels_of(name: str, values: int) -> tuple[str, ...]:
+    """Return the names of the channels of a column with ``values`` values a point; none if it is no colour."""
+    return (*CHANNELS, "alpha")[:values] if name.lower() in _TOGETHER and values in (3, 4) else ()

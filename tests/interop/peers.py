@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import tempfile
@@ -15,6 +16,8 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+NODE_MODULES = Path(__file__).parents[2] / "node_modules"
+WEB = Path(__file__).with_name("web.mjs")
 
 
 @dataclass
@@ -31,7 +34,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Peer:
-    """A reader: its name, the formats it is asked for, how it is found, and what it does."""
+    """A reader: its name, the formats it is asked for, how it is found, and what it does.
+
+    It is found as a Python module, as a program of a Debian package, or as a package of npm (after `npm install`).
+    """
 
     name: str
     endings: tuple[str, ...]
@@ -39,15 +45,20 @@ class Peer:
     read: Callable[[Path], Found]
     program: str = ""
     package: str = ""
+    npm: str = ""
 
     @property
     def is_here(self) -> bool:
         """Whether it is installed."""
+        if self.npm:
+            return shutil.which("node") is not None and (NODE_MODULES / self.npm).is_dir()
         return shutil.which(self.program) is not None if self.program else find_spec(self.module) is not None
 
     @property
     def version(self) -> str:
         """Its version, by its package."""
+        if self.npm:
+            return str(json.loads((NODE_MODULES / self.npm / "package.json").read_text())["version"])
         if self.package:
             listed = subprocess.run(
                 ["dpkg-query", "-W", "-f", "${Version}", self.package], capture_output=True, text=True
@@ -253,6 +264,38 @@ def _pye57(path: Path) -> Found:
     )
 
 
+def _web(library: str) -> Callable[[Path], Found]:
+    """What a library of the web finds, in JavaScript."""
+
+    def read(path: Path) -> Found:
+        done = subprocess.run(["node", str(WEB), library, str(path)], capture_output=True, text=True, check=True)
+        found = json.loads(done.stdout)
+
+        def table(name: str, values: int = 3) -> Array | None:
+            return None if found.get(name) is None else np.array(found[name], float).reshape(-1, values)
+
+        colours = table("colours", found.get("colourValues", 3))
+        if colours is not None and library == "three":
+            colours = _as_bytes(colours)
+        points, intensity = table("points"), found.get("intensity")
+        assert points is not None
+        return Found(
+            points,
+            table("normals"),
+            None if colours is None else colours[:, :3],
+            None if intensity is None else np.array(intensity, float),
+            classes=None if found.get("classes") is None else np.array(found["classes"], float),
+        )
+
+    return read
+
+
+def _as_bytes(linear: Array) -> Array:
+    """Colours of three.js, which are linear, from 0 to 1 or to 255, as the 8 bits they came from (IEC 61966-2-1)."""
+    linear = linear / 255 if linear.max() > 1 else linear
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055) * 255
+
+
 def _numpy(path: Path) -> Found:
     lines = path.read_text().splitlines()
     cells = [line.replace(",", " ").split() for line in lines if line[:1] in "-.0123456789"]
@@ -278,5 +321,7 @@ PEERS = (
     Peer("laspy, queries", ("copc.laz",), "laspy", _laspy_copc),
     Peer("copclib", ("copc.laz",), "copclib", _copclib),
     Peer("pye57", ("e57",), "pye57", _pye57),
+    Peer("three.js", ("ply", "pcd"), "", _web("three"), npm="three"),
+    Peer("loaders.gl", ("ply", "pcd", "las", "laz"), "", _web("loaders"), npm="@loaders.gl/core"),
     Peer("numpy", ("xyz", "csv", "pts"), "numpy", _numpy),
 )

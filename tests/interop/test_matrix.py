@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.interop.matrix import GEOREFERENCED, cloud, verdicts
+from tests.interop.matrix import GEOREFERENCED, cloud, reading, verdicts
 from tests.interop.peers import PEERS
+from tests.interop.writers import WRITERS
 
-pytestmark = pytest.mark.interop
+pytestmark = [
+    pytest.mark.interop,
+    pytest.mark.filterwarnings("ignore:Open3D was built with CUDA:ImportWarning"),
+]
 
 COARSE = {
     ("Open3D", "pcd"),
@@ -18,9 +22,19 @@ COARSE = {
     ("Open3D tensor", "pts"),
     ("pypcd4", "pcd"),
     ("PCL", "pcd"),
-    ("PCL", "ply"),
+    ("three.js", "pcd"),
+    ("loaders.gl", "ply"),
+    ("loaders.gl", "pcd"),
 }
 """Readers that keep float32 only, with steps of half a metre far from the origin."""
+
+FAULTS = {
+    ("three.js", "ply"): {"colours": "off by 6"},  # it rounds linear colours to 8 bits
+    ("loaders.gl", "pcd"): {"colours": "off by 2.5e+02"},  # it takes blue for red
+    ("loaders.gl", "las"): {"points": "fails: CalledProcessError"},  # it reads up to LAS 1.3
+    ("loaders.gl", "laz"): {"points": "fails: CalledProcessError"},
+}
+"""What readers do wrong with files that others read rightly."""
 
 MEETINGS = [pytest.param(peer, ending, id=f"{peer.name}-{ending}") for peer in PEERS for ending in peer.endings]
 
@@ -30,7 +44,27 @@ def test_what_a_reader_finds_is_what_was_written(tmp_path: Path, peer: object, e
     if not peer.is_here:  # type: ignore[attr-defined]
         pytest.skip("not installed")
     near = verdicts(peer, ending, cloud(np.zeros(3)), tmp_path)  # type: ignore[arg-type]
-    assert near["points"] == "yes", near
-    assert set(near.values()) <= {"yes", "-", "yes, 0..1"}, near
+    known = FAULTS.get((peer.name, ending), {})  # type: ignore[attr-defined]
+    assert {part: near[part] for part in known} == known
+    assert {verdict for part, verdict in near.items() if part not in known} <= {"yes", "-", "yes, 0..1"}, near
+    if "points" in known:
+        return
     far = verdicts(peer, ending, cloud(GEOREFERENCED), tmp_path)["points"]  # type: ignore[arg-type]
     assert far == ("off by 0.25" if (peer.name, ending) in COARSE else "yes")  # type: ignore[attr-defined]
+
+
+WRITE_FLOATS = {("Open3D", "pcd"), ("trimesh", "ply"), ("trimesh", "stl"), ("pypcd4", "pcd"), ("pye57", "e57")}
+"""Writers that store float32 only."""
+
+FILES = [pytest.param(*pair, ending, id=f"{pair[0].name}-{ending}") for pair in WRITERS for ending in pair[0].endings]
+
+
+@pytest.mark.parametrize(("peer", "write", "ending"), FILES)
+def test_what_another_program_writes_is_what_is_read(tmp_path: Path, peer: object, write: object, ending: str) -> None:
+    if not peer.is_here:  # type: ignore[attr-defined]
+        pytest.skip("not installed")
+    near = reading(write, ending, cloud(np.zeros(3)), tmp_path)  # type: ignore[arg-type]
+    assert near["points"] == "yes", near
+    assert set(near.values()) <= {"yes", "-"}, near
+    far = reading(write, ending, cloud(GEOREFERENCED), tmp_path)["points"]  # type: ignore[arg-type]
+    assert far == ("off by 0.25" if (peer.name, ending) in WRITE_FLOATS else "yes")  # type: ignore[attr-defined]

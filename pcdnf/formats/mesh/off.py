@@ -1,4 +1,7 @@
-"""OFF, the Object File Format of Geomview: text with vertices, their normals (N) and colours (C), and polygons."""
+"""OFF, the Object File Format of Geomview: text with vertices, their normals (N) and colours (C), and polygons.
+
+Of a vertex with both, normals come first (CNOFF), as Geomview has it; MeshLab writes colours first, as NCOFF.
+"""
 
 from __future__ import annotations
 
@@ -38,18 +41,20 @@ def parse_off(data: bytes, limits: Limits) -> Mesh:
             actual=len(body),
         )
     width = len(body[0]) if vertices else 3
-    normals, colours = 3 * (b"N" in kind), width - 3 - 3 * (b"N" in kind)
+    normals = 3 * (b"N" in kind)
+    colours = width - 3 - normals
     if any(len(row) != width for row in body[:vertices]) or colours not in ((3, 4) if b"C" in kind else (0,)):
         bad_value(f"The vertices of the {kind.decode()} do not all have the values that its first word says")
     table = numbers_of([word for row in body[:vertices] for word in row], width, "The vertices")
+    normal, shade = (3 + colours, 3) if kind.startswith(b"NC") else (3, 3 + normals)
     corners, sizes, is_coloured = _faces(body[vertices:])
-    shades = table[:, 3 + normals : 6 + normals] if colours else None
+    shades = table[:, shade : shade + 3] if colours else None
     left_out = ["colours of faces"] if is_coloured else []
     return Mesh(
         np.ascontiguousarray(table[:, :3]),
         np.array(corners, np.int64),
         np.array(sizes, np.int64),
-        normals=np.ascontiguousarray(table[:, 3:6]) if normals else None,
+        normals=np.ascontiguousarray(table[:, normal : normal + 3]) if normals else None,
         colours=None if shades is None else shades.astype(np.uint8 if _are_bytes(shades) else np.float32),
         comments=comments,
         left_out=[*left_out, *(["alpha"] if colours == 4 else [])],

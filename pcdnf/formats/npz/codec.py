@@ -29,7 +29,7 @@ _LARGEST_PLAIN_MEMBER = 2**31 - 65536
 def read_npz(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
     """Read the members of an NPZ.
 
-    ``points`` (else ``xyz``, else ``pos``) are the coordinates, ``normals`` the normals; other members
+    ``points`` (else ``xyz``, ``pos``, or ``positions``) are the coordinates, ``normals`` the normals; other members
     whose first axis is as long are attributes, the rest are kept as extras.
 
     Parameters

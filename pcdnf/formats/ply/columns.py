@@ -14,18 +14,17 @@ from ..colours import BYTE
 from ..errors import FormatError, shown
 from ..flavours import NpzFlavour, PlyFlavour
 from ..point_cloud import PointCloud
+from ..roles import channels_of
 from .elements import SPELLINGS, TYPES
 
 Column = tuple[str, str, NDArray[Any]]
 """Name, PLY type as spelled, (N,) values."""
 
-POINT_MEMBERS = ("points", "xyz", "pos")
+POINT_MEMBERS = ("points", "xyz", "pos", "positions")
 """NPZ members that may hold the coordinates, the first one found counts."""
 
 ROLE_MEMBERS = {*POINT_MEMBERS, "normals"}
 
-_COLOUR_MEMBERS = {"rgb", "rgba", "color", "colors", "colour", "colours"}
-_CHANNELS = ("red", "green", "blue", "alpha")
 _EXACT_IN_FLOAT64 = 2**53
 
 
@@ -88,9 +87,9 @@ def _flat(member: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]
         yield member, values
         return
     table = values.reshape(len(values), -1)
-    is_colour = member.lower() in _COLOUR_MEMBERS and table.shape[1] in (3, 4)
+    channels = channels_of(member, table.shape[1])
     for index, column in enumerate(table.T):
-        yield _CHANNELS[index] if is_colour else f"{member}_{index}", column
+        yield channels[index] if channels else f"{member}_{index}", column
 
 
 def _stored(name: str, column: NDArray[Any]) -> tuple[str, NDArray[Any]]:

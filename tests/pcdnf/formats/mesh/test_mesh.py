@@ -99,7 +99,13 @@ def test_colours_and_normals_of_vertices_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(cloud.attributes["red"], [0, 0.25, 0.5, 0.75, 1])
     np.testing.assert_array_equal(cloud.normals, np.tile([0, 0, 1], (5, 1)))
     assert cloud.comments == ["a pyramid"]
-    (tmp_path / "a.off").write_bytes(off("CNOFF", " 0 1 0 255 0 9 255"))
+
+
+@pytest.mark.parametrize(("head", "values"), [("CNOFF", " 0 1 0 255 0 9 255"), ("NCOFF", " 255 0 9 255 0 1 0")])
+def test_normals_and_colours_of_an_off_come_as_geomview_and_as_meshlab_order_them(
+    tmp_path: Path, head: str, values: str
+) -> None:
+    (tmp_path / "a.off").write_bytes(off(head, values))
     cloud = read(tmp_path / "a.off")
     assert cloud.attributes["red"].dtype == np.uint8
     assert [int(cloud.attributes[name][0]) for name in ("red", "green", "blue")] == [255, 0, 9]

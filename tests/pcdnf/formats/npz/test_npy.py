@@ -90,3 +90,24 @@ def test_what_is_not_read_says_what_to_do(tmp_path: Path) -> None:
         with pytest.raises(FormatError, match=word) as caught:
             read(tmp_path / "a")
         assert "PLY" in str(caught.value.hint)
+
+
+def test_members_as_open3d_names_them(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    positions, colours = rng.normal(size=(30, 3)), rng.integers(0, 256, (30, 3)).astype(np.uint8)
+    intensities = rng.random((30, 1))
+    np.savez(tmp_path / "a.npz", positions=positions, normals=np.ones((30, 3)), colors=colours, intensities=intensities)
+    cloud = read(tmp_path / "a.npz")
+    np.testing.assert_array_equal(cloud.points, positions)
+    assert cloud.normals is not None
+    write(tmp_path / "b.npz", cloud.replaced(positions + 1, -np.ones((30, 3))))
+    with np.load(tmp_path / "b.npz") as found:
+        np.testing.assert_array_equal(found["positions"], positions + 1)
+        np.testing.assert_array_equal(found["normals"], -np.ones((30, 3)))
+        np.testing.assert_array_equal(found["colors"], colours)
+        np.testing.assert_array_equal(found["intensities"], intensities)
+        assert "points" not in found
+    for ending in ("ply", "pcd", "las", "e57"):
+        write(tmp_path / f"b.{ending}", cloud, format=ending, check=True)
+        again = read(tmp_path / f"b.{ending}").attributes["red"]
+        np.testing.assert_array_equal(again // (257 if ending == "las" else 1), colours[:, 0], ending)
