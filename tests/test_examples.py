@@ -40,7 +40,7 @@ def test_denoise_sh(keyed: Service, tmp_path: Path) -> None:
     assert error(tmp_path / "scan_denoised.ply") < 0.8 * error(scan)
     scan.write_text("no cloud")
     refused = run(EXAMPLES / "denoise.sh", scan, tmp_path / "out.ply", status=1, **of(keyed))
-    assert "The file is not of a known format" in refused.stderr
+    assert "The format of the file is unknown" in refused.stderr
     assert KEY not in refused.stdout + refused.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scan.ply", "scan_denoised.ply"]
 

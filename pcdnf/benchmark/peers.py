@@ -143,7 +143,7 @@ def peer_methods(names: Sequence[str]) -> list[Method]:
             raise PcdnfError(
                 f"{name} needs {library}, which cannot be imported.",
                 code="missing_extra",
-                hint="pip install 'pcdnf[peers]', or leave it out of --peers.",
+                hint="Run pip install 'pcdnf[peers]', or leave it out of --peers.",
             ) from error
     return [row for name in names for row in rows[name]]
 

@@ -192,7 +192,9 @@ def cloud_folder(folder: Path) -> Path:
         clouds.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PcdnfError(
-            f"The folder {folder} cannot be made: {error.strerror}.", code="unwritable_folder", hint="Name another."
+            f"The folder {folder} cannot be created: {error.strerror}.",
+            code="unwritable_folder",
+            hint="Name another folder.",
         ) from error
     return clouds
 

@@ -33,42 +33,50 @@ def add_benchmark(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "benchmark",
         help="score models and peers on clean clouds with noise",
-        description="Clean clouds x noise x methods. Results are kept in a folder; what is there is not computed "
-        "again. Writes table.csv, table.md, intervals.md and, with --pictures, PNGs. With --scanners: simulated "
-        "scans x methods, against the true surface; writes scans.csv, scans.md and PNGs.",
+        description="Score every method on every clean cloud with every noise. The results are kept in a folder and "
+        "are not computed again. The command writes table.csv, table.md, intervals.md and, with --pictures, PNGs. "
+        "With --scanners it scores methods on simulated scans against the true surface, and writes scans.csv, "
+        "scans.md and PNGs.",
     )
     parser.add_argument(
         "clouds",
         type=Path,
         nargs="*",
-        help="clean clouds (.npy, .npz, .ply) or folders of them, else four shapes by formula; with --scanners: scans "
-        "with their truth (.npz), else simulated ones",
+        help="clean clouds (.npy, .npz, .ply) or folders of them; with --scanners, scans with their truth (.npz) "
+        "(default: four shapes by formula, or simulated scans)",
     )
-    parser.add_argument("--scanners", action="store_true", help="on simulated scans (extra `scanners`)")
-    parser.add_argument(
-        "--scans", type=_listed(str), default=[], metavar="KIND,…", help="kinds of scan; all by default"
-    )
+    parser.add_argument("--scanners", action="store_true", help="score methods on simulated scans (extra `scanners`)")
+    parser.add_argument("--scans", type=_listed(str), default=[], metavar="KIND,…", help="kinds of scan (default: all)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
     parser.add_argument(
-        "--generated", type=_count, default=0, metavar="N", help="also N generated shapes; N scans a kind"
+        "--generated", type=_count, default=0, metavar="N", help="add N generated shapes, or N scans of each kind"
     )
     parser.add_argument(
-        "--points", type=_count, metavar="N", help="of each cloud: thins files (20 000 for made ones, 80 000 for scans)"
+        "--points",
+        type=_count,
+        metavar="N",
+        help="points of each cloud; files are thinned to N (default: 20000 for shapes, 80000 for scans)",
     )
-    parser.add_argument("--levels", type=_listed(_level), default=list(LEVELS), help="per cent of the diagonal")
+    parser.add_argument(
+        "--levels", type=_listed(_level), default=list(LEVELS), help="levels of noise, in per cent of the diagonal"
+    )
     parser.add_argument("--noise", type=_listed(str), default=["gaussian"], help="kinds of noise")
-    parser.add_argument("--models", type=_listed(str), metavar="M,…", help="names or .safetensors files")
-    parser.add_argument("--iterations", type=_listed(_iterations), help="1,2,3,auto; of scans only auto")
+    parser.add_argument("--models", type=_listed(str), metavar="M,…", help="names of models, or .safetensors files")
+    parser.add_argument(
+        "--iterations", type=_listed(_iterations), help="passes: some of 1,2,3,auto; scans allow only auto"
+    )
     parser.add_argument(
         "--peers",
         type=_listed(str),
         default=[],
-        help="some of jet,bilateral,wlop,pca,pcl-mls,rimls,apss,cloudcompare (of scans also plane, not wlop), or all",
+        help="some of jet,bilateral,wlop,pca,pcl-mls,rimls,apss,cloudcompare, or all; scans have plane but no wlop",
     )
     parser.add_argument("--pictures", action="store_true", help="draw errors and curves (extra `benchmark`)")
-    parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (auto)")
-    parser.add_argument("--precision", default="auto", choices=["auto", "float32", "bfloat16"])
-    parser.add_argument("--fresh", action="store_true", help="compute again what is there")
+    parser.add_argument("--device", default="auto", metavar="D", help="auto, cpu or cuda:N (default: auto)")
+    parser.add_argument(
+        "--precision", default="auto", choices=["auto", "float32", "bfloat16"], help="arithmetic of the networks"
+    )
+    parser.add_argument("--fresh", action="store_true", help="compute all results again")
     parser.set_defaults(run=_benchmark)
 
 
@@ -81,14 +89,14 @@ def _listed(item: Callable[[str], _Item]) -> Callable[[str], list[_Item]]:
 
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError("must be a whole number from 1 on")
+        raise argparse.ArgumentTypeError("must be a whole number of at least 1")
     return int(text)
 
 
 def _level(text: str) -> float:
     value = float(text)
     if not 0 <= value <= 100:
-        raise argparse.ArgumentTypeError("levels are per cent of the diagonal, 0 to 100")
+        raise argparse.ArgumentTypeError("must be per cent of the diagonal, from 0 to 100")
     return value
 
 
@@ -103,7 +111,7 @@ def _benchmark(options: argparse.Namespace) -> int:
         raise PcdnfError(
             "Pictures need matplotlib, which is not installed.",
             code="missing_extra",
-            hint="pip install 'pcdnf[benchmark]', or leave out --pictures.",
+            hint="Run pip install 'pcdnf[benchmark]', or leave out --pictures.",
         )
     return _on_scans(options) if options.scanners else _on_clouds(options)
 

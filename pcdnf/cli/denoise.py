@@ -125,7 +125,7 @@ def _denoise(options: argparse.Namespace) -> int:
         check_writable(path)
     if options.output.suffix.lower() in UNWRITTEN_SUFFIXES:
         raise PcdnfError(
-            f"Results are not written as {options.output.suffix[1:].upper()}.",
+            f"Results cannot be written as {options.output.suffix[1:].upper()}.",
             code="unwritable_file",
             hint="Name the result .ply: the faces of a mesh come back in it.",
         )

@@ -65,10 +65,12 @@ def sniff(head: bytes, *, text: bool = False, suffix: str = "") -> str:
     title = next((title for magic, title in OTHERS.items() if head.startswith(magic)), OTHER_SUFFIXES.get(suffix))
     if title is not None:
         raise FormatError(
-            f"The file is {title}, which is not read.", code="unknown_format", hint="Export its points as PLY or LAZ."
+            f"The file is {title}, which cannot be read.",
+            code="unknown_format",
+            hint="Export its points as PLY or LAZ.",
         )
     raise FormatError(
-        f"The file is not of a known format: its first bytes are none of those of {titles()}.",
+        f"The format of the file is unknown: its first bytes match none of {titles()}.",
         code="unknown_format",
         hint="Send a PLY file, or arrays saved with numpy.savez(path, points=…); name text files .xyz or .csv.",
     )

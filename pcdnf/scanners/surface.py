@@ -62,7 +62,7 @@ class Surface:
             raise PcdnfError(
                 f"Scans cannot be simulated: {error.name} is not installed.",
                 code="missing_extra",
-                hint="pip install 'pcdnf[scanners]'",
+                hint="Run: pip install 'pcdnf[scanners]'",
             ) from error
         self.scene = scene
         self.normals = scene.face_normals()

@@ -140,7 +140,7 @@ def _cloud(header: Header, scans: list[Scan], points: NDArray[Any], columns: dic
     for name in ({name for scan in scans for name in scan.coordinates} | {*_INVALID}) & columns.keys():
         del columns[name]
     if any(scan.coordinates != AXES for scan in scans):
-        notes.append("Spherical coordinates were turned into cartesian ones, as which an E57 result stores them.")
+        notes.append("Spherical coordinates were converted to cartesian ones, which the result stores.")
     partly = [name for name in columns if any(name not in {one.name for one in scan.fields} for scan in scans)]
     if partly:
         notes.append(f"Not every scan has {', '.join(map(shown, partly))}; the others have NaN or 0 there.")

@@ -221,7 +221,7 @@ def _scan(node: ElementTree.Element, number: int, size: int, prefixes: dict[str,
         values["w"] = 1.0
     length = math.sqrt(sum(value * value for value in values.values()))
     if not 0.99 < length < 1.01 or not all(map(math.isfinite, shift)):
-        _ERRORS.wrong(f"the pose of scan {number} is no rotation and shift")
+        _ERRORS.wrong(f"the pose of scan {number} is not a rotation and a shift")
     unit = [value / length for value in values.values()]
     return Scan(
         number=number,
@@ -241,10 +241,10 @@ def _field(node: ElementTree.Element, prefixes: dict[str, str]) -> Field:
         double = node.get("precision", "double") == "double"
         return Field(name, "f8" if double else "f4", 64 if double else 32, path)
     if kind not in ("Integer", "ScaledInteger"):
-        _ERRORS.wrong(f"field {shown(name)} is no number")
+        _ERRORS.wrong(f"field {shown(name)} is not a number")
     least, most = _whole(node.get("minimum", str(-(2**63)))), _whole(node.get("maximum", str(2**63 - 1)))
     if not -(2**63) <= least <= most < 2**63:
-        _ERRORS.wrong(f"field {shown(name)} has bounds that cannot be")
+        _ERRORS.wrong(f"field {shown(name)} has impossible bounds")
     bits = (most - least).bit_length()
     if kind == "ScaledInteger":
         return Field(name, "f8", bits, path)
@@ -262,7 +262,7 @@ def _spelled(node: ElementTree.Element, prefixes: dict[str, str]) -> tuple[str, 
 
 def _whole(text: str) -> int:
     if not text.removeprefix("-").isdecimal() or not text.isascii() or len(text) > 20:
-        _ERRORS.wrong(f"{shown(text)} is no whole number")
+        _ERRORS.wrong(f"{shown(text)} is not a whole number")
     return int(text)
 
 
@@ -271,7 +271,7 @@ def _number(node: ElementTree.Element, name: str, part: str = "rotation") -> flo
     try:
         return float(text)
     except ValueError:
-        _ERRORS.wrong(f"{shown(text)} in a pose is no number")
+        _ERRORS.wrong(f"{shown(text)} in a pose is not a number")
 
 
 def _too_many(what: str, limit: int, actual: int) -> NoReturn:

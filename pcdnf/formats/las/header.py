@@ -95,10 +95,10 @@ def read_header(file: BinaryIO, size: int) -> Header:
         _ERRORS.truncated(_SIZES[0], size)
     major, minor = raw[24], raw[25]
     if major != 1 or minor not in _SIZES:
-        _ERRORS.wrong(f"version {major}.{minor} is none of 1.0 to 1.5")
+        _ERRORS.wrong(f"version {major}.{minor} is not one of 1.0 to 1.5")
     header_size, start, record_count = struct.unpack_from("<HII", raw, 94)
     if header_size < _SIZES[minor] or start < header_size:
-        _ERRORS.wrong(f"a header of {header_size} bytes before points at {start} cannot be")
+        _ERRORS.wrong(f"a header of {header_size} bytes does not fit before points at byte {start}")
     if start > size:
         _ERRORS.truncated(start, size)
     if start > MAX_HEADER_BYTES or record_count > MAX_RECORDS:
@@ -119,7 +119,7 @@ def read_header(file: BinaryIO, size: int) -> Header:
     if minor >= 4:
         evlr_start, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         if count and long_count and count != long_count:
-            _ERRORS.wrong(f"it declares {count} points and {long_count}")
+            _ERRORS.wrong(f"it declares two numbers of points, {count} and {long_count}")
         count = long_count or count
     scales, offsets = struct.unpack_from("<3d", head, 131), struct.unpack_from("<3d", head, 155)
     if not all(np.isfinite(scales)) or not all(np.isfinite(offsets)) or min(np.abs(scales)) == 0:
@@ -212,11 +212,11 @@ def _check_compression(file: BinaryIO, header: Header, size: int) -> None:
     """Check the compression that a LAZ declares, before the library sees it."""
     data = header.compression
     if len(data) < _LASZIP_FIXED.size:
-        _ERRORS.wrong("it is compressed and has no record on that")
+        _ERRORS.wrong("it is compressed but has no record of the compression")
     compressor, _, _, _, _, _, _, _, _, items = _LASZIP_FIXED.unpack_from(data)
     sizes = [_ITEM.unpack_from(data, at)[1] for at in range(_LASZIP_FIXED.size, len(data) - _ITEM.size + 1, _ITEM.size)]
     if len(sizes) != items or sum(sizes) != header.stride or compressor not in (1, 2, 3):
-        _ERRORS.wrong("its record on compression does not agree with its points")
+        _ERRORS.wrong("its record of the compression does not match its points")
     if compressor == _POINTWISE:
         if not header.start < header.end <= size:
             _ERRORS.truncated(max(header.end, header.start + 1), size)

@@ -121,7 +121,7 @@ def _check_items(header: Header, lazrs: Any) -> tuple[int, int]:
     expected = _record(header.point_format, sum(extra.size for extra in header.extras), lazrs)
     if expected is None or _items(bytes(expected.record_data())) != _items(header.compression):
         raise FormatError(
-            f"The LAZ compresses point format {header.point_format} in a way that is not known.",
+            f"The LAZ compresses point format {header.point_format} in an unknown way.",
             code="bad_header",
             hint="Convert it to an uncompressed LAS.",
         )
@@ -156,7 +156,7 @@ def _check_layers(file: BinaryIO, header: Header, chunk: int, layers: int) -> No
 
 def _damaged() -> NoReturn:
     raise FormatError(
-        "The compressed points of the LAZ contradict themselves, or end early.",
+        "The compressed points of the LAZ are inconsistent, or end early.",
         code="corrupt_archive",
         hint="The file is damaged: copy or export it again.",
     )

@@ -53,7 +53,7 @@ def as_ply(mesh: Mesh) -> PlyFlavour:
     wrong = np.flatnonzero((mesh.corners < 0) | (mesh.corners >= len(mesh.points)))
     if wrong.size:
         face = int(np.searchsorted(np.cumsum(mesh.sizes), wrong[0], side="right"))
-        bad_value(f"Face {face} has a corner that is none of the {len(mesh.points)} vertices")
+        bad_value(f"Face {face} has a corner that is not one of the {len(mesh.points)} vertices")
     if not len(mesh.sizes):
         return PlyFlavour()
     length = "uchar" if int(mesh.sizes.max()) <= _SHORT else "int"
@@ -90,10 +90,10 @@ def numbers_of(words: list[bytes], width: int, what: str) -> NDArray[np.float64]
     except ValueError:
         values = np.empty(0)
     if len(values) != len(words) or any(b"_" in word for word in words):
-        bad_value(f"{what} hold words that are no numbers")
+        bad_value(f"{what} hold words that are not numbers")
     return values.reshape(-1, width)
 
 
 def bad_value(what: str) -> NoReturn:
     """Raise ``bad_value`` for a mesh."""
-    raise FormatError(f"{what}.", code="bad_value", hint="Export the mesh again, best as PLY.")
+    raise FormatError(f"{what}.", code="bad_value", hint="Export the mesh again, preferably as PLY.")

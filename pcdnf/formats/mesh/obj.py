@@ -84,7 +84,7 @@ def _corners(words: list[bytes], count: int, face: int) -> tuple[list[int], bool
         try:
             number = int(first)
         except ValueError:
-            bad_value(f"Face {face} has a corner that is no number")
+            bad_value(f"Face {face} has a corner that is not a number")
         alike &= len(rest) < 2 or rest[1] in (first, b"")
         found.append(number - 1 if number > 0 else count + number)
     if len(found) < 3:

@@ -44,7 +44,7 @@ def parse_off(data: bytes, limits: Limits) -> Mesh:
     normals = 3 * (b"N" in kind)
     colours = width - 3 - normals
     if any(len(row) != width for row in body[:vertices]) or colours not in ((3, 4) if b"C" in kind else (0,)):
-        bad_value(f"The vertices of the {kind.decode()} do not all have the values that its first word says")
+        bad_value(f"The vertices of the {kind.decode()} do not all have the values that its first word declares")
     table = numbers_of([word for row in body[:vertices] for word in row], width, "The vertices")
     normal, shade = (3 + colours, 3) if kind.startswith(b"NC") else (3, 3 + normals)
     corners, sizes, is_coloured = _faces(body[vertices:])
@@ -83,7 +83,7 @@ def _faces(rows: list[list[bytes]]) -> tuple[list[int], list[int], bool]:
             bad_value(f"Face {number} does not begin with the number of its corners")
         size = int(row[0])
         if not all(word.isdigit() and len(word) < 12 for word in row[1 : size + 1]):
-            bad_value(f"Face {number} has a corner that is no vertex")
+            bad_value(f"Face {number} has a corner that is not a vertex")
         corners += map(int, row[1 : size + 1])
         sizes.append(size)
         is_coloured |= len(row) > size + 1

@@ -143,7 +143,7 @@ def _cloud(header: Header, body: Body) -> PointCloud:
         if any(types[name][0] != "f" for name in found):
             warnings.append(f"The normals are stored as integers; the result stores them as {points.dtype}.")
     elif partial:
-        warnings.append(f"Normals need three components; {', '.join(partial)} stay what they are: other properties.")
+        warnings.append(f"Normals need three components; {', '.join(partial)} were kept as other properties.")
     taken = {"x", "y", "z", *(found or ())}
     return PointCloud(
         points=points,
@@ -212,7 +212,7 @@ def write_ply(file: BinaryIO, cloud: PointCloud) -> list[str]:
     encoding, before, after = flavour.encoding, flavour.before, flavour.after
     if (before or after) and cloud.dropped.size:
         names = ", ".join(shown(block.name) for block in (*before, *after))
-        notes.append(f"Elements that count on all vertices were left out, since some vertices were: {names}.")
+        notes.append(f"Some vertices were left out, and with them the elements that refer to vertices: {names}.")
         before = after = ()
     recorded = [f"pcdnf {key}: {value}" for key, value in cloud.metadata.items()]
     lines = [*note_lines("comment", [*cloud.comments, *recorded]), *note_lines("obj_info", cloud.obj_info)]

@@ -90,7 +90,7 @@ def _head(file: BinaryIO, number: int) -> PtxScan | None:
     matrix = np.array(values[4:])
     turn = matrix[:3, :3]
     if not np.isfinite(matrix).all() or np.abs(turn @ turn.T - np.eye(3)).max() > _LOOSE:
-        _ERRORS.wrong(f"the matrix of scan {number} is no rotation and shift")
+        _ERRORS.wrong(f"the matrix of scan {number} is not a rotation and a shift")
     return PtxScan(int(lines[0][0]), int(lines[1][0]), tuple(" ".join(line) for line in lines[2:]))
 
 
@@ -144,9 +144,9 @@ def write_ptx(file: BinaryIO, cloud: PointCloud) -> list[str]:
         attributes, told = with_colours(renamed(attributes), BYTE, "PTX", cloud.brightest)
         notes += told
     if cloud.normals is not None:
-        notes.append("PTX has no place for normals; they are not in it. PLY, LAZ and E57 have one.")
+        notes.append("PTX has no place for normals, so they were left out. PLY, LAZ and E57 have one.")
     if cloud.comments or cloud.obj_info or cloud.metadata:
-        notes.append("PTX has no place for comments; how it was made is not in it.")
+        notes.append("PTX has no place for comments, so the metadata of the run was left out.")
     places = {"intensity", *CHANNELS, *((SCAN_INDEX,) if known else ())}
     lost = [shown(name) for name in (*attributes, *cloud.extras) if name not in places]
     notes += [f"PTX holds intensity and colours only; left out were: {', '.join(lost)}."] if lost else []

@@ -26,7 +26,7 @@ def guarded(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     except MemoryError:
         return _refusal(
             FormatError(
-                "Reading the file needs more memory than the server gives it.",
+                "Reading the file needs more memory than the server allows.",
                 code="not_enough_memory",
                 hint="Cut the cloud into parts, or thin it out.",
             )
@@ -67,7 +67,7 @@ def restrain(memory_bytes: int | None, cpu_seconds: int | None) -> None:
 
 def _out_of_time(_signal: int, _frame: FrameType | None) -> NoReturn:
     raise FormatError(
-        "Reading the file takes more time than the server gives it.",
+        "Reading the file takes more time than the server allows.",
         code="took_too_long",
         hint="Send it as binary PLY.",
     )

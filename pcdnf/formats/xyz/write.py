@@ -63,7 +63,9 @@ def write_xyz(file: BinaryIO, cloud: PointCloud, format_: TextFormat | None = No
         texts = [*cloud.comments, *cloud.obj_info, *recorded, *([] if flavour.header else [names])]
         lines += note_lines(flavour.comment, texts)
     elif cloud.comments or cloud.obj_info or recorded:
-        notes.append(f"This {flavour.format.upper()} has no place for comments; how it was made is not in it.")
+        notes.append(
+            f"This {flavour.format.upper()} has no place for comments, so the metadata of the run was left out."
+        )
     lines += [names] if flavour.header else []
     file.write("".join(line + flavour.newline for line in lines).encode("utf-8", "surrogateescape"))
     _write_rows(file, list(columns.values()), flavour)
@@ -79,7 +81,7 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
     if colours and channels:
         columns |= dict(zip(CHANNELS, colours.scaled(BYTE).T, strict=True))
     if cloud.normals is not None and flavour.counted and not flavour.named:
-        notes.append("PTS has no place for normals; they are not in it. PLY, LAZ and E57 have one.")
+        notes.append("PTS has no place for normals, so they were left out. PLY, LAZ and E57 have one.")
     elif cloud.normals is not None:
         columns |= {name: _shortest(cloud.normals[:, axis]) for axis, name in enumerate(flavour.normals)}
     named = cloud.attributes if isinstance(cloud.flavour, XyzFlavour) else renamed(cloud.attributes)
@@ -87,7 +89,9 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
         if name in channels:
             continue
         if values.dtype.kind == "S" and not _fits(values, flavour.separator):
-            notes.append(f"The column {shown(name)} has words that would be two in this file; it was left out.")
+            notes.append(
+                f"The column {shown(name)} has words with the separator of this file in them; it was left out."
+            )
             continue
         table = values.reshape(len(values), -1) if values.ndim > 1 else values[:, None]
         known = name if name in dict(flavour.columns) else _word(name, flavour)

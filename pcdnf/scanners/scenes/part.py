@@ -30,7 +30,7 @@ def part(rng: Generator) -> Scene:
         raise PcdnfError(
             f"Machine parts cannot be made: {error.name} is not installed.",
             code="missing_extra",
-            hint="pip install 'pcdnf[scanners]'",
+            hint="Run: pip install 'pcdnf[scanners]'",
         ) from error
     length, width = rng.uniform(60, 120), rng.uniform(40, 90)
     high = rng.uniform(6, 18)

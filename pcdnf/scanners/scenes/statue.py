@@ -30,7 +30,7 @@ def statue(rng: Generator) -> Scene:
         raise PcdnfError(
             f"Statues cannot be made: {error.name} is not installed.",
             code="missing_extra",
-            hint="pip install 'pcdnf[scanners]'",
+            hint="Run: pip install 'pcdnf[scanners]'",
         ) from error
     axis = np.linspace(-1.6, 1.6, CELLS)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)

@@ -124,7 +124,7 @@ def test_denoise_refuses_with_one_line(noisy: Path, tmp_path: Path, capsys: pyte
     assert "cannot be read" in refused(capsys, "denoise", tmp_path / "none.ply", "-o", output)
     assert "no normals" in refused(capsys, "denoise", noisy, "-o", output, "--normals", "input")
     assert "folder does not exist" in refused(capsys, "denoise", noisy, "-o", tmp_path / "no" / "out.ply")
-    assert "not written as OBJ" in refused(capsys, "denoise", noisy, "-o", tmp_path / "out.obj")
+    assert "cannot be written as OBJ" in refused(capsys, "denoise", noisy, "-o", tmp_path / "out.obj")
     assert "is a folder" in refused(capsys, "denoise", noisy, "-o", tmp_path)
     assert "pcdnf: " in refused(capsys, "denoise", noisy, "-o", output, "--model", "no-such-model")
     assert "device" in refused(capsys, "denoise", noisy, "-o", output, "--device", "cuda:99")
@@ -248,7 +248,7 @@ def test_released_weights_can_be_imported_and_used(
 
 def test_benchmark_refuses_with_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
-    assert "cannot be made" in refused(capsys, "benchmark", "-o", tmp_path / "file")
+    assert "cannot be created" in refused(capsys, "benchmark", "-o", tmp_path / "file")
     for option in ("--points", "--generated"):
         with pytest.raises(SystemExit) as ended:
             main(["benchmark", "-o", str(tmp_path / "out"), option, "-3"])
