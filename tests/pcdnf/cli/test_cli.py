@@ -253,7 +253,7 @@ def test_benchmark_refuses_with_one_line(tmp_path: Path, capsys: pytest.CaptureF
         with pytest.raises(SystemExit) as ended:
             main(["benchmark", "-o", str(tmp_path / "out"), option, "-3"])
         assert ended.value.code == 2
-        assert "whole number from 1" in capsys.readouterr().err
+        assert "whole number of at least 1" in capsys.readouterr().err
 
 
 def test_training_has_its_options(capsys: pytest.CaptureFixture[str]) -> None:
