@@ -1,4 +1,4 @@
-"""What the supervisor and the processes that it starts agree on.
+"""The agreements between the supervisor and the processes that it starts.
 
 The supervisor imports this module, so it imports nothing that is large.
 """

@@ -1,4 +1,4 @@
-"""What is written beside the results: tables, intervals of differences, pictures."""
+"""The reports of a benchmark: tables, intervals of differences, pictures."""
 
 from __future__ import annotations
 

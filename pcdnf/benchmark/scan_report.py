@@ -1,4 +1,4 @@
-"""What is written of runs on scans: CSV, Markdown, pictures."""
+"""The reports of a benchmark on scans: CSV, Markdown, pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a format is to the rest of the package: how it is recognised, read and written, and what it holds."""
+"""The interface of a format: how to recognise, read and write its files, and what they can hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be wrong with a point-cloud file: one exception class, a table of its codes."""
+"""The error for point-cloud files, with a table of its codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of every field of every format's specification when a result is written in the format of its input."""
+"""The fate of every field of a format when a result is written in the format of its input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a file stored its cloud, one small class a format, so that a result can go back the same way."""
+"""The storage details of a file, one small class for each format, so that a result can have the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a picture of a point cloud is taken from."""
+"""The viewpoint of a picture of a point cloud."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The magnified detail of a picture: which place is shown, and where it goes."""
+"""The magnified detail of a picture: its place in the cloud and in the picture."""
 
 from __future__ import annotations
 

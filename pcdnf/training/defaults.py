@@ -1,4 +1,4 @@
-"""What a training of each kind of network starts from."""
+"""The default configuration, losses and schedule of each kind of network."""
 
 from __future__ import annotations
 

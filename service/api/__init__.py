@@ -1,1 +1,1 @@
-"""The API process: HTTP, and nothing that computes or parses a cloud."""
+"""The API process: HTTP only, with no computation and no parsing of clouds."""

@@ -1,4 +1,4 @@
-"""The OpenAPI document: what FastAPI cannot find out by itself, and each thing said once."""
+"""The parts of the OpenAPI document that FastAPI cannot derive, each written once."""
 
 from __future__ import annotations
 

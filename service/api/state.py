@@ -1,4 +1,4 @@
-"""What the routes use, stored in ``app.state``."""
+"""The objects that routes use, stored in ``app.state``."""
 
 from __future__ import annotations
 

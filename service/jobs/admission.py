@@ -1,4 +1,4 @@
-"""Whether the queue has room for a job.
+"""The limits of the queue, and whether it has room for a job.
 
 The queue is bounded in points and in bytes, and so is the part of it that one caller may fill. Counting and accepting
 are one transaction (:func:`service.database.engine.exclusive`), so the bounds hold for simultaneous requests too.

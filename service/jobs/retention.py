@@ -1,4 +1,4 @@
-"""How long results are kept: until they expire, or until the disk needs their space."""
+"""The lifetime of results: until they expire, or until the disk needs their space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where uploads, tiles and results lie: one interface, a folder here, a bucket in :mod:`service.storage.s3`.
+"""Storage of uploads, tiles and results in a folder; :mod:`service.storage.s3` is the same for a bucket.
 
 A name is a relative path such as ``jobs/<id>/upload``. Writers fill a local file of their own and hand it over with
 :meth:`Storage.put`, which is atomic and durable; readers ask for a local path or for the bytes. A file that another

@@ -1,4 +1,4 @@
-"""What the workflows of one worker process work with."""
+"""The objects that the workflows of one worker process share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the workers of a service compute alike, so that they may share a job."""
+"""The comparison of workers: only workers that compute alike may share a job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast this worker computes, as a moving average over its tiles."""
+"""The speed of this worker, as a moving average over its tiles."""
 
 from __future__ import annotations
 

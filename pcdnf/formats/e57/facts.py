@@ -1,4 +1,4 @@
-"""What an E57 says of a scan beside its points: sensor, weather, times, limits; read from the XML, written as nodes."""
+"""The facts of an E57 scan (sensor, weather, times, limits), read from the XML and written as nodes."""
 
 from __future__ import annotations
 

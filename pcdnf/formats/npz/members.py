@@ -1,4 +1,4 @@
-"""The members of an NPZ that a cloud becomes."""
+"""The members of an NPZ that hold a cloud."""
 
 from __future__ import annotations
 

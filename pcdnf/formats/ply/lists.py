@@ -1,4 +1,4 @@
-"""Binary PLY elements whose rows hold lists: finding the end of faces, and the numbers of vertices beside theirs."""
+"""Binary PLY elements with lists: the end of the faces, and the numbers of vertices next to their lists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a text file of columns is laid out: its separator, count, names and comments, found in its first lines."""
+"""The layout of a text file of columns: separator, count, names and comments, from its first lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameters of a job: from the query, the form or both, and nothing that is not known."""
+"""The parameters of a job from the query and the form; unknown ones are refused."""
 
 from __future__ import annotations
 

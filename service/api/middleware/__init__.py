@@ -1,1 +1,1 @@
-"""What surrounds every request."""
+"""Middleware that wraps every request."""
