@@ -154,3 +154,19 @@ def test_no_block_escapes(page: Path) -> None:
     assert {block.kind for block in found} <= {"sh", "python", "json", "text"}
     assert not [block.text for block in found if block.long and block.kind != "sh"]
     assert re.findall(r"\n\n(    \S.*)", FENCED.sub("", text)) == [], "write commands in fenced blocks"
+
+
+def test_every_test_that_the_page_on_security_names_exists() -> None:
+    rows = [line for line in (ROOT / "docs/security.md").read_text().splitlines() if line.startswith("|")]
+    missing, named = [], 0
+    for row in rows:
+        files: list[Path] = []
+        for reference in re.findall(r"`(.*?)`", row.split("|")[-2]):
+            path, _, name = reference.partition("::") if ".py" in reference else ("", "", reference)
+            if path:
+                files = [ROOT / path] if "/" in path else list((ROOT / "tests").rglob(path))
+            named += 1
+            if not any(file.is_file() and (not name or f"def {name}(" in file.read_text()) for file in files):
+                missing.append(reference)
+    assert missing == []
+    assert named > 50
