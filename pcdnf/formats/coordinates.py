@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from .limits import Array
+from .limits import Array, bounds
 from .point_cloud import PointCloud
 
 Coordinates = Literal["keep", "float32", "float64"]
@@ -22,7 +22,7 @@ _ROUND = 1000
 
 def spacing(points: Array) -> float:
     """Return the typical distance of neighbours on a surface of finite points (N, 3), from diagonal and count."""
-    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    low, high = bounds(points)
     return math.hypot(*(high - low).tolist()) / math.sqrt(len(points))
 
 
@@ -59,7 +59,8 @@ def with_coordinates(cloud: PointCloud, kind: Coordinates) -> tuple[PointCloud, 
         return cloud, []
     if kind == "float64":
         return _typed(cloud, np.float64, np.zeros(3)), []
-    middle = (cloud.points.min(axis=0).astype(np.float64) + cloud.points.max(axis=0)) / 2
+    low, high = bounds(cloud.points)
+    middle = (low + high) / 2
     offset = np.where(np.abs(middle) > _FAR, np.round(middle / _ROUND) * _ROUND, 0.0)
     moved = _typed(cloud, np.float32, offset)
     if not offset.any():

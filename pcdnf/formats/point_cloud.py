@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .errors import FormatError
 from .flavours import E57Flavour, LasFlavour, NpzFlavour, PcdFlavour, PlyFlavour, PtxFlavour, XyzFlavour
-from .limits import FLOATS, Array, Limits, check_enough, check_extent
+from .limits import FLOATS, Array, Limits, check_enough, check_extent, finite_rows
 from .roles import stale_normals
 
 Flavour = PlyFlavour | NpzFlavour | PcdFlavour | XyzFlavour | LasFlavour | E57Flavour | PtxFlavour
@@ -245,7 +245,7 @@ def checked(cloud: PointCloud, limits: Limits) -> PointCloud:
         ``too_few_points``, ``nonfinite``, ``zero_extent``, ``extent_out_of_range``.
     """
     check_enough(len(cloud), limits)
-    finite: Array = np.asarray(np.isfinite(cloud.points).all(axis=1))
+    finite = finite_rows(cloud.points)
     if not finite.all():
         cloud = _finite_part(cloud, finite, limits)
     check_extent(cloud.points)

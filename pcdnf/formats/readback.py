@@ -9,7 +9,7 @@ import numpy as np
 from .codec import Codec
 from .coordinates import spacing
 from .errors import FormatError
-from .limits import Array, Limits
+from .limits import Array, Limits, finite_rows
 from .point_cloud import PointCloud
 
 SAMPLE = 1000
@@ -77,7 +77,7 @@ def _finite(values: Array) -> Array:
 
 def _tolerance(points: Array, rounding: float, *, single: bool) -> float:
     """How far a stored coordinate may be from the one given: by the digits of its type, or the grid of the format."""
-    finite = points[np.isfinite(points).all(axis=1)]
+    finite = points[finite_rows(points)]
     if not len(finite):
         return 0.0
     most = float(np.abs(finite).max())

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..limits import bounds
+
 FINEST = 1000
 """Steps of a new grid between two neighbouring points, at least."""
 COARSEST = 20
@@ -40,7 +42,7 @@ def grid_for(points: NDArray[Any], known: Grid | None) -> tuple[Grid, list[str]]
     notes : list of str
         What was changed of ``known``.
     """
-    least, most = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    least, most = bounds(points)
     spacing = math.hypot(*(most - least).tolist()) / math.sqrt(len(points))  # of points on a surface, about
     scales, offsets, changed = [], [], []
     for axis in range(3):

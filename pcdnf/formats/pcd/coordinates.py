@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..limits import bounds, finite_rows
+
 REMAINDERS = ("x_rest", "y_rest", "z_rest")
 """Fields of what float32 leaves of each coordinate: ``x + x_rest``, added as float64, is the coordinate."""
 
@@ -40,7 +42,7 @@ def joined(near: NDArray[Any], rest: NDArray[Any]) -> NDArray[np.float64]:
 
 def for_most_readers(points: NDArray[Any], names: tuple[str, str, str]) -> tuple[Columns, list[str]]:
     """Return the fields to store float64 coordinates in, and a note on them."""
-    finite = np.isfinite(points).all(axis=1)
+    finite = finite_rows(points)
     most = float(np.abs(points[finite]).max(initial=0))
     if not TINY < most < HUGE:
         return {name: points[:, axis] for axis, name in enumerate(names)}, []
@@ -48,7 +50,7 @@ def for_most_readers(points: NDArray[Any], names: tuple[str, str, str]) -> tuple
     plain: Columns = {name: near[:, axis] for axis, name in enumerate(names)}
     if np.array_equal(near[finite], points[finite]):
         return plain, []
-    low, high = points[finite].min(axis=0), points[finite].max(axis=0)
+    low, high = bounds(points[finite])
     step = float(np.spacing(np.float32(most)))
     spacing = float(np.linalg.norm(high - low)) / math.sqrt(int(finite.sum()))
     if step * FINE <= spacing:

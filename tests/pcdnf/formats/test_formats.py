@@ -15,6 +15,7 @@ import pytest
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import CODES, FormatError, Limits, NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, sniff, write
+from pcdnf.formats.limits import bounds, finite_rows
 from pcdnf.formats.point_cloud import row_ranges
 from pcdnf.formats.sandbox.check import main
 from pcdnf.formats.sandbox.limits import guarded
@@ -343,3 +344,13 @@ def test_reading_keeps_no_descriptor_open(stored: Any) -> None:
     after = os.dup(0)
     os.close(after)
     assert after == before, "the lowest free descriptor is the same"
+
+
+def test_bounds_and_finite_rows_are_those_of_numpy() -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    low, high = bounds(points)
+    assert low.dtype == np.float64
+    np.testing.assert_array_equal(low, points.min(axis=0))
+    np.testing.assert_array_equal(high, points.max(axis=0))
+    points[3, 2], points[9, 0] = np.nan, np.inf
+    assert np.flatnonzero(~finite_rows(points)).tolist() == [3, 9]
