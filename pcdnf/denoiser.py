@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,13 @@ from torch import Tensor, nn
 from ._version import __version__
 from .geometry.recipe import Recipe
 from .inference.device import choose_device, choose_precision
-from .inference.options import InitialNormals, check_fast, check_initial
+from .inference.local_pass import denoise_rows
+from .inference.options import InitialNormals, check_fast, check_initial, check_radius
 from .inference.plan import Plan, iteration_seed, make_plan
 from .inference.prepare import prepare_cloud
 from .inference.results import DenoiseResult, TileResult
 from .inference.runner import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
+from .inference.survey import Survey, survey_cloud
 from .inference.tiles import Cloud
 from .inference.unit_frame import CloudError, Frame, checked_normals, checked_points
 from .models.build import trained_network
@@ -138,7 +141,18 @@ class Denoiser:
         neighbours = check_fast(fast, self.inference.kind)
         given = checked_points(points, self.minimum_points)
         frame = Frame.of(given)
-        return make_plan(given, self.recipe, frame=frame, iterations=iterations, radius=radius, neighbours=neighbours)
+        survey = self._survey(given, frame) if check_radius(radius) is None else None
+        return self._plan(given, frame, survey, iterations=iterations, radius=radius, neighbours=neighbours)
+
+    def _survey(self, points: NDArray[np.float64], frame: Frame) -> Survey | None:
+        """Noise and spacing around each point, where the network's radius may follow them."""
+        return survey_cloud(points, frame) if self.recipe.local else None
+
+    def _plan(
+        self, points: NDArray[np.float64], frame: Frame, survey: Survey | None, **choices: Any
+    ) -> Plan:
+        scale = None if survey is None else survey.scale
+        return make_plan(points, self.recipe, frame=frame, scale=scale, **choices)
 
     def prepare(
         self,
@@ -151,6 +165,8 @@ class Denoiser:
         initial: InitialNormals = "input",
         seed: int = 0,
         should_stop: ShouldStop | None = None,
+        came: NDArray[np.floating] | None = None,
+        survey: Survey | None = None,
     ) -> Cloud:
         """Search structures, spatial order and raw normals of a cloud, for one iteration.
 
@@ -172,6 +188,10 @@ class Denoiser:
         seed : int
             Of the random subsets, see :func:`iteration_seed`.
         should_stop : callable, optional
+        came : ndarray, (N, 3) float, optional
+            The first iteration's points, for a later one: no point goes further from there than its noise explains.
+        survey : Survey, optional
+            Of those points; made here where it is needed and not given.
 
         Raises
         ------
@@ -185,8 +205,10 @@ class Denoiser:
         """
         given = checked_points(points, self.minimum_points)
         frame = Frame.of(given) if frame is None else frame
+        if survey is None and (plan is None or plan.local):
+            survey = self._survey(given if came is None else checked_points(came, self.minimum_points), frame)
         if plan is None:
-            plan = make_plan(given, self.recipe, frame=frame)
+            plan = self._plan(given, frame, survey)
         self.inference.restore_batch()
         return prepare_cloud(
             given,
@@ -199,6 +221,7 @@ class Denoiser:
             seed=seed,
             device=self.device,
             should_stop=should_stop,
+            survey=survey if plan.local else None,
         )
 
     def denoise_tile(
@@ -220,6 +243,17 @@ class Denoiser:
             Out of memory with the smallest batch.
         Stopped
         """
+        if cloud.local is not None:
+            return denoise_rows(
+                self.inference,
+                cloud.local,
+                cloud.source,
+                cloud.order[start:stop],
+                given=(cloud.points, cloud.normals),
+                unit=cloud.frame.diagonal,
+                progress=progress,
+                should_stop=should_stop,
+            )
         return self.inference.denoise(
             cloud.points,
             cloud.normals,
@@ -277,8 +311,9 @@ class Denoiser:
         """
         given = checked_points(points, self.minimum_points)
         raw, initial = checked_normals(normals, len(given)), check_initial(initial)
-        plan = self.plan(given, iterations=iterations, radius=radius, fast=fast)
-        frame = Frame.of(given)
+        neighbours, frame = check_fast(fast, self.inference.kind), Frame.of(given)
+        survey = self._survey(given, frame) if check_radius(radius) is None else None
+        plan = self._plan(given, frame, survey, iterations=iterations, radius=radius, neighbours=neighbours)
         current = given
         moved, turned = given, np.empty(given.shape, np.float32)
         flagged = np.zeros(len(given), bool)
@@ -293,6 +328,7 @@ class Denoiser:
                 initial="input" if iteration else initial,
                 seed=iteration_seed(seed, iteration),
                 should_stop=should_stop,
+                survey=survey,
             )
             moved, turned = np.empty_like(given), np.empty(given.shape, np.float32)
             for start, stop in cloud.tiles():

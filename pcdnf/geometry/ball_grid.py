@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 CHOICE = 4
 """Points of a cell for each that is drawn from a ball: of fuller cells the grid keeps a random subset."""
+STEPS = 2
+"""Grids an octave of radii."""
+SMALLEST_CELL = 1e-6
+"""Of a grid, as a share of the cloud's size: the numbers of cells must fit 64 bits."""
 
 
 class BallGrid:
@@ -26,6 +30,8 @@ class BallGrid:
     crowd : int
         Points from which on a cell, and those around it, are thinned to a random subset: time and memory stay linear
         in a dense cloud.
+    rows : ndarray, (R,) int64, optional
+        Points to hold, ascending; all where not given.
 
     Attributes
     ----------
@@ -39,10 +45,18 @@ class BallGrid:
         Corner of the first cell, and how many cells there are a coordinate.
     """
 
-    def __init__(self, points: NDArray[np.floating], radius: float, *, crowd: int) -> None:
+    def __init__(
+        self,
+        points: NDArray[np.floating],
+        radius: float,
+        *,
+        crowd: int,
+        rows: NDArray[np.int64] | None = None,
+    ) -> None:
         self.radius = float(radius)
-        self.origin = points.min(0).astype(np.float64)
-        cells = np.floor((points - self.origin) / self.radius).astype(np.int64)
+        held = points if rows is None else points[rows]
+        self.origin = held.min(0).astype(np.float64)
+        cells = np.floor((held - self.origin) / self.radius).astype(np.int64)
         self.dims = cells.max(0) + 1
         keys = (cells[:, 0] * self.dims[1] + cells[:, 1]) * self.dims[2] + cells[:, 2]
         self.order = np.argsort(keys, kind="stable")
@@ -53,7 +67,9 @@ class BallGrid:
             self.order = self.order[kept]
             self.keys, counts = _runs(keys[self.order])
         self.starts = np.append(0, np.cumsum(counts))
-        self.points = np.ascontiguousarray(points[self.order], dtype=np.float64)
+        self.points = np.ascontiguousarray(held[self.order], dtype=np.float64)
+        if rows is not None:
+            self.order = rows[self.order]
 
     def subset(
         self,
@@ -63,6 +79,7 @@ class BallGrid:
         *,
         seed: int,
         inner: NDArray[np.floating] | None = None,
+        reach: NDArray[np.floating] | None = None,
     ) -> NDArray[np.int64]:
         """Draw neighbours of each centre without replacement.
 
@@ -77,6 +94,8 @@ class BallGrid:
             Together with ``ids`` it decides the subset.
         inner : ndarray, (B,) float, optional
             Points not farther than this from the centre are left out.
+        reach : ndarray, (B,) float, optional
+            Radius of each centre's ball, at most the grid's, which it is where not given.
 
         Returns
         -------
@@ -85,6 +104,7 @@ class BallGrid:
         """
         out = np.empty((len(centres), count), np.int64)
         hole = np.full(len(centres), -1.0) if inner is None else np.asarray(inner, np.float64)
+        limit = np.full(len(centres), self.radius) if reach is None else np.asarray(reach, np.float64)
         _subset(
             self.points,
             self.order,
@@ -96,10 +116,64 @@ class BallGrid:
             np.ascontiguousarray(centres, np.float64),
             np.asarray(ids, np.int64),
             hole,
+            limit,
             np.uint64(seed & 0xFFFFFFFFFFFFFFFF),
             out,
         )
         return out
+
+
+class BallGrids:
+    """Ball queries with a radius for each point, on grids whose cells differ by steps of half an octave.
+
+    Parameters
+    ----------
+    points : ndarray, (N, 3) float64
+    radius : ndarray, (N,) float64
+        Of the balls around each point, in the unit of the points.
+    crowd : int
+        See :class:`BallGrid`.
+
+    Attributes
+    ----------
+    step : ndarray, (N,) int64
+        Which grid the ball of a point is found on.
+    grids : dict of int to BallGrid
+        Each holds the points within a cell of those whose balls it finds.
+    """
+
+    def __init__(self, points: NDArray[np.float64], radius: NDArray[np.float64], *, crowd: int) -> None:
+        self.points, self.radius = points, radius
+        least = float(np.ptp(points, axis=0).max()) * SMALLEST_CELL
+        self.step = np.ceil(np.log2(np.maximum(radius, least)) * STEPS - 1e-9).astype(np.int64)
+        self.grids = {}
+        for step in np.unique(self.step).tolist():
+            cell = float(np.exp2(step / STEPS)) * (1 + 1e-9)
+            rows = _rows_near(points, self.step == step, cell)
+            self.grids[step] = BallGrid(points, cell, crowd=crowd, rows=rows)
+
+    def subset(self, rows: NDArray[np.int64], count: int, *, seed: int) -> NDArray[np.int64]:
+        """Draw neighbours (B, count) int64 of the points ``rows`` (B,); see :meth:`BallGrid.subset`."""
+        out = np.empty((len(rows), count), np.int64)
+        steps = self.step[rows]
+        for step in np.unique(steps).tolist():
+            at = np.flatnonzero(steps == step)
+            own = rows[at]
+            out[at] = self.grids[step].subset(self.points[own], own, count, seed=seed, reach=self.radius[own])
+        return out
+
+
+def _rows_near(points: NDArray[np.float64], member: NDArray[np.bool_], cell: float) -> NDArray[np.int64] | None:
+    """Rows of the points in the cells of the members (N,) and the cells around these; None for all."""
+    if member.all():
+        return None
+    cells = np.floor((points - points.min(0)) / cell).astype(np.int64) + 1
+    dims = cells.max(0) + 2
+    keys = (cells[:, 0] * dims[1] + cells[:, 1]) * dims[2] + cells[:, 2]
+    steps = np.array([(x * dims[1] + y) * dims[2] + z for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
+    near = np.unique(np.unique(keys[member])[:, None] + steps)
+    at = np.minimum(np.searchsorted(near, keys), len(near) - 1)
+    return np.flatnonzero(near[at] == keys)
 
 
 def _runs(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -131,7 +205,7 @@ def _mix(x):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, parallel=True)
-def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inner, seed, out):  # type: ignore[no-untyped-def]
+def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inner, limit, seed, out):  # type: ignore[no-untyped-def]
     count = out.shape[1]
     chunk = 64
     for block in nb.prange((len(centres) + chunk - 1) // chunk):
@@ -141,7 +215,7 @@ def _subset(points, order, keys, starts, dims, origin, radius, centres, ids, inn
             cx = int(np.floor((x - origin[0]) / radius))
             cy = int(np.floor((y - origin[1]) / radius))
             cz = int(np.floor((z - origin[2]) / radius))
-            reach = radius * radius
+            reach = limit[b] * limit[b]
             hole = inner[b] * inner[b] if inner[b] >= 0 else -1.0
             total = 0
             for ix in range(max(cx - 1, 0), min(cx + 2, dims[0])):

@@ -18,7 +18,7 @@ def local_patches(
     points: NDArray[np.float64],
     normals: NDArray[np.float32],
     index: NDArray[np.int64],
-    radius: float,
+    radius: float | NDArray[np.float64],
     *,
     upward: bool,
     spin: NDArray[np.float64] | None = None,
@@ -32,7 +32,7 @@ def local_patches(
         Raw normals.
     index : ndarray, (B, M) int64
         Neighbours of each patch, the centre first; -1 is padding and becomes the centre.
-    radius : float
+    radius : float or ndarray, (B,) float64
         Patch radius in the unit of the points.
     upward : bool
         Flip the patch's normals to z >= 0 in the frame (normals have no sign).
@@ -51,7 +51,8 @@ def local_patches(
     local, turned = np.empty(shape, np.float32), np.empty(shape, np.float32)
     frames = np.empty((len(index), 3, 3), np.float32)
     turns = np.empty((0, 3, 3)) if spin is None else spin
-    _local_patches(points, normals, index, float(radius), upward, turns, local, turned, frames)
+    radii = np.ascontiguousarray(np.broadcast_to(np.asarray(radius, np.float64), len(index)))
+    _local_patches(points, normals, index, radii, upward, turns, local, turned, frames)
     return local, turned, frames
 
 
@@ -66,9 +67,11 @@ def principal_axes(points: NDArray[np.float64], index: NDArray[np.int64]) -> NDA
 
 
 def local_patches_torch(
-    points: Tensor, normals: Tensor, index: Tensor, radius: float, *, upward: bool
+    points: Tensor, normals: Tensor, index: Tensor, radius: float | Tensor, *, upward: bool
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Do the same as :func:`local_patches` in torch operations, on any device."""
+    """Do the same as :func:`local_patches` in torch operations, on any device; ``radius`` may be (B,)."""
+    if isinstance(radius, Tensor):
+        radius = radius[:, None, None]
     valid = index >= 0  # (B, M)
     index = torch.where(valid, index, index[:, :1])
     patch = (points[index] - points[index[:, :1]]) / radius  # (B, M, 3)
@@ -85,7 +88,7 @@ def local_patches_torch(
 
 
 @nb.njit(cache=True, nogil=True)
-def _axes(xx, xy, xz, yy, yz, zz, out):  # type: ignore[no-untyped-def]
+def symmetric_axes(xx, xy, xz, yy, yz, zz, out):  # type: ignore[no-untyped-def]
     """Eigenvectors of a symmetric 3x3 matrix by cyclic Jacobi rotations, as rows, largest eigenvalue first."""
     a = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
     v = np.eye(3)
@@ -153,7 +156,7 @@ def _patch_axes(points, row, out):  # type: ignore[no-untyped-def]
             yy += y * y
             yz += y * z
             zz += z * z
-    _axes(xx, xy, xz, yy, yz, zz, out)
+    symmetric_axes(xx, xy, xz, yy, yz, zz, out)
 
 
 @nb.njit(cache=True, nogil=True, parallel=True)
@@ -163,7 +166,7 @@ def _principal_axes(points, index, axes):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, parallel=True)
-def _local_patches(points, normals, index, radius, upward, spin, local, turned, frames):  # type: ignore[no-untyped-def]
+def _local_patches(points, normals, index, radii, upward, spin, local, turned, frames):  # type: ignore[no-untyped-def]
     for b in nb.prange(len(index)):
         f = np.empty((3, 3))
         _patch_axes(points, index[b], f)
@@ -172,7 +175,7 @@ def _local_patches(points, normals, index, radius, upward, spin, local, turned, 
         for r in range(3):
             for c in range(3):
                 frames[b, r, c] = f[r, c]
-        i = index[b, 0]
+        i, radius = index[b, 0], radii[b]
         for m in range(index.shape[1]):
             j = index[b, m]
             if j < 0:

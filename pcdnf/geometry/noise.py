@@ -85,7 +85,7 @@ def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
         keep = np.unique(np.linspace(0, size - 1, min(size, FITTED)).astype(np.int64))
         scatter = _scatter(points, np.asarray(index, np.int64)[:, keep]) if size > 6 else radius
         done = ((scatter < FLAT * radius) & (radius > 0)) | last
-        noise[left[done]] = (_untruncated(scatter / np.maximum(radius, 1e-300)) * radius)[done]
+        noise[left[done]] = (untruncated(scatter / np.maximum(radius, 1e-300)) * radius)[done]
         spacing[left[done]] = radius[done] * np.sqrt(np.pi / size)
         left = left[~done]
         if last or not len(left):
@@ -93,7 +93,7 @@ def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
     return Scale(float(np.nanmedian(noise)), float(np.nanmedian(spacing)))
 
 
-def _untruncated(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+def untruncated(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Noise (B,) whose scatter inside a ball of radius 1 about the surface is ``scatter`` (B,): the ball cuts tails."""
     height = np.linspace(-1, 1, 201)
     noise = np.geomspace(0.01, 2, 60)

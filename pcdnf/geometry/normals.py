@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from .ball_grid import CHOICE, BallGrid
+from .ball_grid import CHOICE, BallGrids
 from .frames import principal_axes
 
 CHUNK = 16384
@@ -57,7 +57,7 @@ def pca_normals(
 
 def ball_normals(
     points: NDArray[np.float64],
-    radius: float,
+    radius: float | NDArray[np.float64],
     *,
     most: int = 64,
     tree: cKDTree | None = None,
@@ -68,7 +68,7 @@ def ball_normals(
     Parameters
     ----------
     points : ndarray, (N, 3) float64
-    radius : float
+    radius : float or ndarray, (N,) float64
         Of the balls, in the unit of the points.
     most : int
         Points a ball, at most.
@@ -82,11 +82,11 @@ def ball_normals(
     ndarray, (N, 3) float32
         Unit normals without a consistent sign; of the nearest neighbours where a ball holds fewer than ``FEW``.
     """
-    grid = BallGrid(points, radius, crowd=CHOICE * most)
+    grids = BallGrids(points, np.broadcast_to(np.asarray(radius, np.float64), len(points)), crowd=CHOICE * most)
     tree = cKDTree(points) if tree is None else tree
     normals = np.empty(points.shape, np.float32)
     for own in _chunks(tree.indices, check):  # neighbours follow one another there: they are in the caches
-        index = np.concatenate([own[:, None], grid.subset(points[own], own, most - 1, seed=0)], 1)
+        index = np.concatenate([own[:, None], grids.subset(own, most - 1, seed=0)], 1)
         normals[own] = principal_axes(points, index)[:, 2]
         lonely = own[(index >= 0).sum(1) < FEW]
         if len(lonely):
@@ -113,7 +113,7 @@ def raw_normals(
     given: NDArray[np.floating] | None,
     *,
     tree: cKDTree,
-    reach: float = 0.0,
+    reach: float | NDArray[np.float64] = 0.0,
     replace: bool = False,
     check: Callable[[], None] | None = None,
 ) -> NDArray[np.float32]:
@@ -126,7 +126,7 @@ def raw_normals(
         Of any length; a row that is zero or not finite counts as missing.
     tree : cKDTree
         Of the points.
-    reach : float
+    reach : float or ndarray, (N,) float64
         Radius of the balls of estimated normals; 0 for the 24 nearest neighbours.
     replace : bool
         Of the given normals keep the side alone.
@@ -139,7 +139,7 @@ def raw_normals(
     """
 
     def estimated() -> NDArray[np.float32]:
-        if reach:
+        if np.any(reach):
             return ball_normals(points, reach, tree=tree, check=check)
         return pca_normals(points, tree=tree, check=check)
 

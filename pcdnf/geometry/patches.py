@@ -112,6 +112,10 @@ class PatchSource:
         )
         return Patches(points, normals, frames, index)
 
+    def radii(self, centres: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Patch radius of the points ``centres`` (B,)."""
+        return np.full(len(centres), self.radius)
+
 
 def _reach(tree: cKDTree, count: int) -> float:
     """Radius within which a typical point has ``count`` points, itself among them; 0 for none."""

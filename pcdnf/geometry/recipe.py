@@ -49,6 +49,11 @@ class Recipe:
         """Return the first pass's radius for a cloud, in its unit, at least :meth:`least_radius`."""
         return max(self.adaptive * math.sqrt(scale.noise * scale.spacing), self.least_radius(scale))
 
+    @property
+    def local(self) -> bool:
+        """Whether the radius may differ from point to point."""
+        return self.adaptive > 0 and self.kind == "ball"
+
     def least_radius(self, scale: Scale) -> float:
         """Of a flat ball that holds ``fewest`` points, in the cloud's unit."""
         return scale.spacing * math.sqrt(max(self.fewest, 1) / math.pi)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..geometry.local_scale import LocalScale
 from ..geometry.noise import Scale, estimate_scale
 from ..geometry.recipe import Recipe
 from .options import check_iterations, check_radius
@@ -20,7 +21,10 @@ CLEAN, HEAVY = 0.1, 6.0
 USUAL, SMALL = 200, 0.04
 """Points that a ball shall hold even where the noise seems slight, while it stays below this share of the diagonal: the
 steps of a depth camera look like clean surface to a smaller one."""
-
+RARE = 0.001
+"""Share of the points for whose sake there is another iteration."""
+LOCAL = 0.9
+"""Radius around a point, relative to the recipe's for the same noise and spacing: local estimates are higher."""
 LARGEST = 0.07
 """Share of the diagonal beyond which the radius grows no more with the noise: features of the shape are that size."""
 
@@ -37,11 +41,14 @@ class Plan:
         Patch radius of each iteration, in the cloud's unit.
     neighbours : int, optional
         Of each point, the point among them; the recipe's where None. See :func:`pcdnf.inference.options.check_fast`.
+    local : bool
+        Whether the radius follows noise and spacing around each point; ``scale`` and ``radii`` are typical then.
     """
 
     scale: Scale
     radii: tuple[float, ...]
     neighbours: int | None = None
+    local: bool = False
 
     @property
     def iterations(self) -> int:
@@ -50,20 +57,23 @@ class Plan:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values that lose nothing."""
-        values = {"noise": self.scale.noise, "spacing": self.scale.spacing, "radii": list(self.radii)}
+        values: dict[str, Any] = {"noise": self.scale.noise, "spacing": self.scale.spacing, "radii": list(self.radii)}
+        if self.local:
+            values["local"] = True
         return values if self.neighbours is None else values | {"neighbours": self.neighbours}
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Plan:
         """The inverse of :meth:`to_json`."""
-        return cls(Scale(values["noise"], values["spacing"]), tuple(values["radii"]), values.get("neighbours"))
+        scale = Scale(values["noise"], values["spacing"])
+        return cls(scale, tuple(values["radii"]), values.get("neighbours"), values.get("local", False))
 
     def metadata(self) -> dict[str, str]:
         """For the result's file: noise, spacing and radii in the cloud's unit, iterations; of a fast run, how fast."""
         fast = {} if self.neighbours is None else {"fast": f"{self.neighbours} neighbours"}
         return fast | {
             "iterations": str(self.iterations),
-            "radius": ", ".join(f"{radius:.6g}" for radius in self.radii),
+            "radius": ("about " if self.local else "") + ", ".join(f"{radius:.6g}" for radius in self.radii),
             "estimated_noise": f"{self.scale.noise:.4g}",
             "estimated_spacing": f"{self.scale.spacing:.4g}",
         }
@@ -77,6 +87,7 @@ def make_plan(
     iterations: int | str = "auto",
     radius: float | str = "auto",
     neighbours: int | None = None,
+    scale: LocalScale | None = None,
 ) -> Plan:
     """Plan a run.
 
@@ -94,6 +105,8 @@ def make_plan(
         A length in the cloud's unit, a share of its diagonal such as "4%", or "auto": by noise and spacing.
     neighbours : int, optional
         As in :class:`Plan`.
+    scale : LocalScale, optional
+        Of the points, in the frame's unit: then a radius that is chosen here differs from point to point.
 
     Raises
     ------
@@ -101,23 +114,53 @@ def make_plan(
         See :mod:`pcdnf.inference.options`.
     """
     count, length = check_iterations(iterations), check_radius(radius)
+    if scale is not None and length is None:
+        return _local_plan(scale, recipe, frame.diagonal, count, neighbours)
     local = frame.to_local(points)
-    scale = estimate_scale(local, cKDTree(local)).rounded()
+    typical = estimate_scale(local, cKDTree(local)).rounded()
     if count is None:
-        ratio = scale.noise / max(scale.spacing, 1e-12)
+        ratio = typical.noise / max(typical.spacing, 1e-12)
         count = 1 if ratio < CLEAN else 2 if ratio < HEAVY else 3
     if length is None:
         first = recipe.radius
         if recipe.adaptive:
-            usual = min(scale.spacing * math.sqrt(USUAL / math.pi), SMALL)
-            first = max(min(recipe.adaptive_radius(scale), LARGEST), recipe.least_radius(scale), usual)
+            usual = min(typical.spacing * math.sqrt(USUAL / math.pi), SMALL)
+            first = max(min(recipe.adaptive_radius(typical), LARGEST), recipe.least_radius(typical), usual)
         first = first or recipe.radius  # where most points are copies of one another
         radii = (first, *[first * recipe.later] * (count - 1))
     else:
         value, relative = length
         radii = (value if relative else value / frame.diagonal,) * count
     unit = frame.diagonal
-    return Plan(scale.scaled(unit), tuple(value * unit for value in radii), neighbours)
+    return Plan(typical.scaled(unit), tuple(value * unit for value in radii), neighbours)
+
+
+def _local_plan(
+    scale: LocalScale, recipe: Recipe, unit: float, count: int | None, neighbours: int | None
+) -> Plan:
+    """Plan a run whose radius differs from point to point."""
+    if count is None:
+        share = [float((scale.ratio >= bound).mean()) for bound in (CLEAN, HEAVY)]
+        count = 1 if share[0] < RARE else 2 if share[1] < RARE else 3
+    typical = scale.median().rounded()
+    first = float(np.median(local_radius(scale, recipe)))
+    radii = (first, *[first * recipe.later] * (count - 1))
+    return Plan(typical.scaled(unit), tuple(value * unit for value in radii), neighbours, local=True)
+
+
+def local_radius(scale: LocalScale, recipe: Recipe) -> NDArray[np.float64]:
+    """Patch radius (N,) of the first iteration around each point, in the unit of the scale."""
+    by_noise = LOCAL * recipe.adaptive * np.sqrt(scale.noise * scale.spacing)
+    flat_ball = scale.spacing * math.sqrt(1 / math.pi)
+    usual = np.minimum(flat_ball * math.sqrt(USUAL), SMALL * scale.extent)
+    least = flat_ball * math.sqrt(max(recipe.fewest, 1))
+    radius: NDArray[np.float64] = np.maximum.reduce([np.minimum(by_noise, LARGEST * scale.extent), usual, least])
+    return np.maximum(radius, 1e-9)
+
+
+def needs_pass(scale: LocalScale, iteration: int) -> NDArray[np.bool_]:
+    """Points (N,) that an iteration denoises with the network: fewer and fewer, as the noise asks."""
+    return np.asarray(scale.ratio >= (CLEAN if iteration < 2 else HEAVY)) & ~scale.double
 
 
 def iteration_seed(seed: int, iteration: int) -> int:

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from ..geometry.normals import unit_towards
 from ..geometry.patches import Patches, PatchSource
 from ..geometry.patches_cuda import DevicePatches, DevicePatchSource
+from ..geometry.patches_local import LocalPatchSource
 from ..models.cpu.allocator import keep_freed_memory
 from ..models.cpu.folded import fold
 from ..models.cpu.folded_lite import FoldedLite
@@ -123,7 +124,7 @@ class Inference:
         self,
         points: NDArray[np.float64],
         raw: NDArray[np.float32],
-        source: PatchSource | DevicePatchSource,
+        source: PatchSource | LocalPatchSource | DevicePatchSource,
         centres: NDArray[np.int64],
         *,
         unit: float = 1.0,
@@ -138,7 +139,7 @@ class Inference:
             The cloud, in its own unit.
         raw : ndarray, (N, 3) float32
             Its raw normals.
-        source : PatchSource or DevicePatchSource
+        source : PatchSource, LocalPatchSource or DevicePatchSource
             Of the cloud.
         centres : ndarray, (n,) int64
             Rows to denoise.
@@ -178,7 +179,7 @@ class Inference:
         lost = (neighbours <= FEWEST_NEIGHBOURS) | ~np.isfinite(move + normal).all(1)
         length = np.linalg.norm(move, axis=1, keepdims=True)
         move *= LONGEST_STEP / np.maximum(length, LONGEST_STEP)
-        moved = points[centres] + np.where(lost[:, None], 0.0, move) * (source.radius * unit)
+        moved = points[centres] + np.where(lost[:, None], 0.0, move) * (source.radii(centres)[:, None] * unit)
         return TileResult(moved, unit_towards(np.where(lost[:, None], before, normal), before), lost)
 
     def _work(self, patches: Patches | DevicePatches) -> tuple[Tensor, Tensor, Tensor]:

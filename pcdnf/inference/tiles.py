@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from ..geometry.patches import PatchSource
 from ..geometry.patches_cuda import DevicePatchSource
+from ..geometry.patches_local import LocalPatchSource
+from .local_pass import LocalPass
 from .unit_frame import Frame
 
 TILE = 16384
@@ -31,6 +33,8 @@ class Cloud:
     source : PatchSource or DevicePatchSource
     order : ndarray, (N,) int64
         Indices along a space-filling curve; a tile is a range of it.
+    local : LocalPass, optional
+        Where the radius differs from point to point; ``source`` is that of the distinct points then.
     """
 
     def __init__(
@@ -38,10 +42,12 @@ class Cloud:
         points: NDArray[np.float64],
         normals: NDArray[np.float32],
         frame: Frame,
-        source: PatchSource | DevicePatchSource,
+        source: PatchSource | LocalPatchSource | DevicePatchSource,
         order: NDArray[np.int64],
+        local: LocalPass | None = None,
     ) -> None:
         self.points, self.normals, self.frame, self.source, self.order = points, normals, frame, source, order
+        self.local = local
 
     def __len__(self) -> int:
         return len(self.points)

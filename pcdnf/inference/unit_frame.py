@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry.distinct import void_rows
 from ..errors import PcdnfError
 from ..formats.limits import EXTENT_RANGE
 
@@ -111,7 +112,7 @@ class Frame:
                 code="extent_out_of_range",
                 hint="Change the unit of the coordinates, or remove far outliers.",
             )
-        inner_low, inner_high = np.quantile(points, (TAIL, 1 - TAIL), axis=0)
+        inner_low, inner_high = np.quantile(points[~void_rows(points)], (TAIL, 1 - TAIL), axis=0)
         diagonal = float(np.linalg.norm(inner_high - inner_low))
         if diagonal < extent * 1e-6:  # nearly all points are equal
             return cls(low + (high - low) / 2, extent)
