@@ -148,9 +148,7 @@ class Denoiser:
         """Noise and spacing around each point, where the network's radius may follow them."""
         return survey_cloud(points, frame) if self.recipe.local else None
 
-    def _plan(
-        self, points: NDArray[np.float64], frame: Frame, survey: Survey | None, **choices: Any
-    ) -> Plan:
+    def _plan(self, points: NDArray[np.float64], frame: Frame, survey: Survey | None, **choices: Any) -> Plan:
         scale = None if survey is None else survey.scale
         return make_plan(points, self.recipe, frame=frame, scale=scale, **choices)
 

@@ -1,8 +1,9 @@
-"""Denoising where the noise is a small part of the spacing: by the largest neighbourhood that is flat to within the noise.
+"""Denoising where the noise is a small part of the spacing: by the largest neighbourhood that is flat within the noise.
 
-A network cannot tell such slight noise from shape: its own error is some thousandths of a patch, many times the noise. A
-quadric fit can, and leaves a point where no neighbourhood is flat. Neighbourhoods grow as long as the scatter stays what
-the noise explains and all fits agree within their uncertainty (the intersection of confidence intervals, after Lepski).
+A network cannot tell such slight noise from shape: its own error is some thousandths of a patch, many times the noise.
+A quadric fit can, and leaves a point where no neighbourhood is flat. Neighbourhoods grow as long as their scatter is
+explained by the noise and all fits agree within their uncertainty: the intersection of confidence intervals
+(Goldenshluger and Nemirovski 1997, after Lepski).
 """
 
 from __future__ import annotations

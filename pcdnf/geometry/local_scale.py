@@ -121,7 +121,7 @@ def estimate_local_scale(points: NDArray[np.float64], tree: cKDTree, order: NDAr
 
 @dataclass(frozen=True)
 class _Curves:
-    """Scatter, radius, mean absolute height and kurtosis (B, S) over S sizes (S,), typical of the fits around B samples."""
+    """Scatter, radius, mean absolute height and kurtosis (B, S) at S sizes, typical of the fits around B samples."""
 
     sizes: NDArray[np.int64]
     scatter: NDArray[np.float64]
@@ -208,7 +208,7 @@ def _deep_scale(
 
 
 def _extents(places: NDArray[np.float64], samples: cKDTree) -> NDArray[np.float64]:
-    """Diagonal (B,) of the object that each sample at ``places`` (B, 3) belongs to, without the last points each way."""
+    """Diagonal (B,) of the object that each sample at ``places`` (B, 3) belongs to, without its outermost points."""
     distance, index = samples.query(places, min(7, len(places)), workers=-1)
     if len(places) < 2:
         return np.full(len(places), 1e-300)

@@ -14,8 +14,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .frames import local_patches_torch
 from .ball_grid import BallGrid
+from .frames import local_patches_torch
 from .patches import PatchSource
 from .patches_local import LocalPatchSource
 from .sheets import without_other_sheets_torch
@@ -48,8 +48,7 @@ class DeviceGrid:
     def __init__(self, grid: BallGrid, device: str) -> None:
         self.cell, self.dims = grid.radius, grid.dims.tolist()
         self.origin, self.order, self.keys, self.starts, self.points = (
-            torch.from_numpy(each).to(device)
-            for each in (grid.origin, grid.order, grid.keys, grid.starts, grid.points)
+            torch.from_numpy(each).to(device) for each in (grid.origin, grid.order, grid.keys, grid.starts, grid.points)
         )
 
     def runs(self, at: Tensor) -> tuple[Tensor, Tensor]:
@@ -99,9 +98,7 @@ class DevicePatchSource:
         own = torch.from_numpy(centres).to(self.device)
         index = self.neighbours(own)
         if self._noise is not None:
-            index = without_other_sheets_torch(
-                self._points, self._normals, index, self._noise, sided=self._sided
-            )
+            index = without_other_sheets_torch(self._points, self._normals, index, self._noise, sided=self._sided)
         points, normals, frames = local_patches_torch(
             self._points, self._normals, index, self._radius[own], upward=self.recipe.upward
         )
@@ -117,7 +114,11 @@ class DevicePatchSource:
         out = torch.empty((len(own), self.recipe.points), dtype=torch.int64, device=self.device)
         steps = self._step[own]
         for step, grid in self._grids.items():
-            at = torch.nonzero(steps == step)[:, 0] if len(self._grids) > 1 else torch.arange(len(own), device=self.device)
+            at = (
+                torch.nonzero(steps == step)[:, 0]
+                if len(self._grids) > 1
+                else torch.arange(len(own), device=self.device)
+            )
             if len(at):
                 out[at] = self._on_grid(own[at], grid)
         return out

@@ -58,7 +58,7 @@ def without_other_sheets(
 def without_other_sheets_torch(
     points: Tensor, normals: Tensor, index: Tensor, noise: Tensor, *, sided: bool = False
 ) -> Tensor:
-    """The same as :func:`without_other_sheets` in torch operations, for any device."""
+    """Do the same as :func:`without_other_sheets` in torch operations, on any device."""
     filled = torch.where(index >= 0, index, index[:, :1])
     away = points[filled] - points[index[:, :1]]  # (B, M, 3)
     own = normals[index[:, :1]].double()

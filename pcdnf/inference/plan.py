@@ -135,9 +135,7 @@ def make_plan(
     return Plan(typical.scaled(unit), tuple(value * unit for value in radii), neighbours)
 
 
-def _local_plan(
-    scale: LocalScale, recipe: Recipe, unit: float, count: int | None, neighbours: int | None
-) -> Plan:
+def _local_plan(scale: LocalScale, recipe: Recipe, unit: float, count: int | None, neighbours: int | None) -> Plan:
     """Plan a run whose radius differs from point to point."""
     if count is None:
         share = [float((scale.ratio >= bound).mean()) for bound in (CLEAN, HEAVY)]

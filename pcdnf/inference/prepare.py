@@ -18,8 +18,8 @@ from ..geometry.patches_local import LocalPatchSource
 from ..geometry.recipe import Recipe
 from ..geometry.sides import tell_sides
 from .device import room_for
-from .options import InitialNormals
 from .local_pass import LocalPass
+from .options import InitialNormals
 from .plan import CLEAN, Plan, local_radius, needs_pass
 from .runner import FEWEST_NEIGHBOURS, ShouldStop, Stopped
 from .survey import Survey

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.distinct import void_rows
 from ..errors import PcdnfError
 from ..formats.limits import EXTENT_RANGE
+from ..geometry.distinct import void_rows
 
 TAIL = 0.005
 """Share of points beyond the box of a frame, at either end of each axis."""

@@ -88,6 +88,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
             initial="input" if iteration else job.parameters["normals"],
             seed=iteration_seed(job.parameters["seed"], iteration),
             should_stop=progress.stop,
+            came=given.points,
         )
         fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
         runtime.clouds.put(job.id, fresh)
