@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from ._version import __version__
 from .geometry.recipe import Recipe
 from .inference.device import choose_device, choose_precision
+from .inference.diagnostics import diagnose
 from .inference.local_pass import denoise_rows
 from .inference.options import InitialNormals, check_fast, check_initial, check_radius
 from .inference.plan import Plan, iteration_seed, make_plan
@@ -164,6 +165,7 @@ class Denoiser:
         seed: int = 0,
         should_stop: ShouldStop | None = None,
         came: NDArray[np.floating] | None = None,
+        oriented: bool = True,
         survey: Survey | None = None,
     ) -> Cloud:
         """Search structures, spatial order and raw normals of a cloud, for one iteration.
@@ -188,6 +190,8 @@ class Denoiser:
         should_stop : callable, optional
         came : ndarray, (N, 3) float, optional
             The first iteration's points, for a later one: no point goes further from there than its noise explains.
+        oriented : bool
+            Whether the signs of ``normals`` are the caller's, which may tell the sides of a wall apart.
         survey : Survey, optional
             Of those points; made here where it is needed and not given.
 
@@ -220,6 +224,7 @@ class Denoiser:
             device=self.device,
             should_stop=should_stop,
             survey=survey if plan.local else None,
+            oriented=oriented,
         )
 
     def denoise_tile(
@@ -327,6 +332,7 @@ class Denoiser:
                 seed=iteration_seed(seed, iteration),
                 should_stop=should_stop,
                 survey=survey,
+                oriented=normals is not None,
             )
             moved, turned = np.empty_like(given), np.empty(given.shape, np.float32)
             for start, stop in cloud.tiles():
@@ -341,7 +347,11 @@ class Denoiser:
                 moved[rows], turned[rows] = tile.points, tile.normals
                 flagged[rows] |= tile.flagged
             current, raw = moved, turned
-        return DenoiseResult(moved, turned, flagged, self.metadata(seed=seed, plan=plan, initial=initial))
+        metadata = self.metadata(seed=seed, plan=plan, initial=initial)
+        if survey is None:
+            return DenoiseResult(moved, turned, flagged, metadata)
+        found = diagnose(given, moved, survey.noise(frame))
+        return DenoiseResult(moved, turned, flagged, metadata | found.metadata(), found)
 
     def metadata(self, *, seed: int, plan: Plan, initial: InitialNormals) -> dict[str, str]:
         """What is needed to repeat a run, for the result's file."""

@@ -17,12 +17,10 @@ from ..geometry.flat_fits import flat_fits
 from ..geometry.normals import unit_towards
 from ..geometry.patches_cuda import DevicePatchSource
 from ..geometry.patches_local import LocalPatchSource
+from .diagnostics import FARTHEST
 from .results import TileResult
 from .runner import Inference, ShouldStop, Stopped
 from .survey import Survey
-
-FARTHEST = 4.5
-"""Longest way from where a point came, in noises around it."""
 
 
 @dataclass(frozen=True)

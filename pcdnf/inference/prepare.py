@@ -43,6 +43,7 @@ def prepare_cloud(
     device: str,
     should_stop: ShouldStop | None,
     survey: Survey | None = None,
+    oriented: bool = True,
 ) -> Cloud:
     """Prepare points (N, 3) for an iteration of a plan; see :meth:`pcdnf.denoiser.Denoiser.prepare`.
 
@@ -62,7 +63,7 @@ def prepare_cloud(
 
     if survey is not None:
         recipe = replace(recipe, points=count)
-        return _prepare_local(points, normals, recipe, survey, iteration, frame, initial, seed, device, check)
+        return _prepare_local(points, normals, recipe, survey, iteration, frame, initial, seed, device, oriented, check)
     local = frame.to_local(points)
     radius = plan.radii[iteration] / frame.diagonal
     recipe = replace(recipe, points=count, radius=radius, fewest=FEWEST_NEIGHBOURS + 10)
@@ -89,6 +90,7 @@ def _prepare_local(
     initial: InitialNormals,
     seed: int,
     device: str,
+    oriented: bool,
     check: Callable[[], None],
 ) -> Cloud:
     """Prepare the distinct points of a cloud (N, 3) for an iteration, each with a radius by the noise around it."""
@@ -102,7 +104,7 @@ def _prepare_local(
     if recipe.normals == "ball" and initial != "pca":
         reach = np.minimum(radius, np.maximum.reduce([0.4 * radius, NORMALS * scale.noise, 2.5 * scale.spacing]))
     raw = raw_normals(local, given, tree=tree, reach=reach, replace=initial != "input", check=check)
-    sided = given is not None and tell_sides(local, raw, tree)
+    sided = oriented and given is not None and tell_sides(local, raw, tree)
     active = needs_pass(scale, iteration)
     if sided and iteration < 2:
         active |= scale.double & (scale.ratio >= CLEAN)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .diagnostics import Diagnostics
+
 
 @dataclass(frozen=True)
 class TileResult:
@@ -39,10 +41,13 @@ class DenoiseResult:
         Points without enough neighbours, returned as they came.
     metadata : dict of str
         Model, weights' hash, device, precision, seed, initial normals, iterations, radius, version: enough to repeat
-        the run.
+        the run; with them the shares of points that were moved, left, and moved doubtfully far.
+    diagnostics : Diagnostics, optional
+        Of each point; None for a radius that the caller chose, or a network of one radius.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float32]
     flagged: NDArray[np.bool_]
     metadata: dict[str, str] = field(default_factory=dict)
+    diagnostics: Diagnostics | None = None

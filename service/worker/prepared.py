@@ -89,6 +89,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
             seed=iteration_seed(job.parameters["seed"], iteration),
             should_stop=progress.stop,
             came=given.points,
+            oriented=given.normals is not None,
         )
         fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
         runtime.clouds.put(job.id, fresh)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pcdnf.geometry.ball_grid import BallGrid
+from pcdnf.geometry.ball_grid import BallGrid, BallGrids
 
 POINTS = np.random.default_rng(0).uniform(size=(4000, 3)) * [1, 0.7, 0.05]
 IDS = np.arange(0, 4000, 37)
@@ -78,3 +78,30 @@ def test_a_corner_of_a_dense_cloud_is_thinned_like_the_rest() -> None:
         (kept[:, 0] > 0.2).mean() / (points[:, 0] > 0.2).mean(),
     ]
     assert abs(share[0] - share[1]) < 0.15
+
+
+def test_balls_of_different_radii_are_found_on_grids_that_suit_them() -> None:
+    radius = np.random.default_rng(1).uniform(0.02, 0.2, len(POINTS))
+    grids = BallGrids(POINTS, radius, crowd=10 * CROWD)
+    found = grids.subset(IDS, 1500, seed=0)
+    for own, row in zip(IDS, found, strict=True):
+        inside = np.flatnonzero(np.linalg.norm(POINTS - POINTS[own], axis=1) <= radius[own])
+        assert np.array_equal(np.sort(row[row >= 0]), inside[inside != own])
+    assert len(grids.grids) > 4
+
+
+def test_a_grid_of_small_balls_holds_their_surroundings_alone() -> None:
+    radius = np.where(POINTS[:, 0] < np.median(POINTS[:, 0]), 0.02, 0.3)
+    grids = BallGrids(POINTS, radius, crowd=10 * CROWD)
+    small = min(grids.grids)
+    assert len(grids.grids[small].order) < 0.7 * len(POINTS)
+    alone = BallGrids(POINTS, np.full(len(POINTS), 0.02), crowd=10 * CROWD)
+    own = np.flatnonzero(radius == 0.02)[:50]
+    assert np.array_equal(grids.subset(own, 5, seed=3), alone.subset(own, 5, seed=3))
+
+
+def test_balls_far_smaller_than_the_cloud_are_found() -> None:
+    points = np.r_[POINTS, POINTS + 1e9]
+    found = BallGrids(points, np.full(len(points), 0.1), crowd=10 * CROWD).subset(IDS, 1500, seed=0)
+    inside = [np.flatnonzero(np.linalg.norm(POINTS - POINTS[own], axis=1) <= 0.1) for own in IDS]
+    assert [(row >= 0).sum() for row in found] == [len(each) - 1 for each in inside]
