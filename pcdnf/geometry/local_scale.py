@@ -39,8 +39,10 @@ FINE = 0.2
 """Noise in spacings below which growing scatter is always taken for shape."""
 FLAT, DEEP = 0.3, 0.22
 """Scatter as a share of the radius below which a neighbourhood is flat, and above which larger ones are tried."""
-TWO_PEAKS, ENOUGH_FOR_PEAKS = 1.85, 27
+TWO_PEAKS, ENOUGH_FOR_PEAKS = 1.95, 27
 """Kurtosis of heights below which they have two peaks (uniform ones have 1.8), and neighbours that it takes to tell."""
+MOST_ALIKE = 1.6
+"""Growth of the scatter beyond which it is not taken for noise that is alike."""
 SMOOTH = 8
 """Samples over whose logarithms the estimates are averaged."""
 GAP = 6.0
@@ -62,6 +64,9 @@ class LocalScale:
     double : ndarray, (N,) bool
         Where the points lie on two sheets so near to one another that no neighbourhood holds one alone; ``noise`` is
         that of one sheet.
+    alike : ndarray, (N,) float64
+        From 1 to ``MOST_ALIKE``: how much the noise of neighbours is alike. Its scatter still grows by so much from the
+        middle one of the sizes on, and a mean over as many points removes less of it.
     extent : ndarray, (N,) float64
         Diagonal of the object that the point belongs to: points that gaps separate from it do not count.
     """
@@ -69,6 +74,7 @@ class LocalScale:
     noise: NDArray[np.float64]
     spacing: NDArray[np.float64]
     double: NDArray[np.bool_]
+    alike: NDArray[np.float64]
     extent: NDArray[np.float64]
 
     @property
@@ -109,24 +115,27 @@ def estimate_local_scale(points: NDArray[np.float64], tree: cKDTree, order: NDAr
     noise, spacing = curves.scale(at)
     double = curves.double(at)
     noise = np.where(double, curves.of_one_sheet(at), noise)
+    alike = curves.growth(at)
     last = (curves.scatter[:, -1] > DEEP * curves.radius[:, -1]) & (at == len(sizes) - 1)
     deep = last & ~double & (len(points) // 4 >= LARGE_SIZES[0])
     if deep.any():
+        alike[deep] = 1  # it grows because the smaller balls cut off the noise
         noise[deep], spacing[deep] = _deep_scale(points, rows, np.flatnonzero(deep), tree)
     extent = _extents(points[rows], samples)
     smooth = around[:, :SMOOTH]
-    noise, spacing = (np.exp(np.log(np.maximum(each, 1e-300))[smooth].mean(1)) for each in (noise, spacing))
-    return _at_points(points, samples, noise, spacing, double, extent)
+    noise, spacing, alike = (
+        np.exp(np.log(np.maximum(each, 1e-300))[smooth].mean(1)) for each in (noise, spacing, alike)
+    )
+    return _at_points(points, samples, noise, spacing, double, alike, extent)
 
 
 @dataclass(frozen=True)
 class _Curves:
-    """Scatter, radius, mean absolute height and kurtosis (B, S) at S sizes, typical of the fits around B samples."""
+    """Scatter, radius and kurtosis (B, S) at S sizes, typical of the fits around B samples."""
 
     sizes: NDArray[np.int64]
     scatter: NDArray[np.float64]
     radius: NDArray[np.float64]
-    absolute: NDArray[np.float64]
     kurtosis: NDArray[np.float64]
 
     def scale(self, at: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -136,15 +145,21 @@ class _Curves:
         noise = untruncated(scatter / np.maximum(radius, 1e-300)) * radius
         return noise, radius * np.sqrt(np.pi / self.sizes[at])
 
+    def growth(self, at: NDArray[np.int64]) -> NDArray[np.float64]:
+        """How much (B,) the scatter grows from the middle size to the one of index ``at`` (B,), from 1 on."""
+        every, middle = np.arange(len(at)), len(self.sizes) // 2
+        grown = self.scatter[every, at] / np.maximum(self.scatter[:, middle], 1e-300)
+        return np.where(at > middle, np.clip(grown, 1, MOST_ALIKE), 1.0)
+
     def double(self, at: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Where (B,) the heights have two peaks at the size of index ``at`` (B,)."""
         return (self.kurtosis[np.arange(len(at)), at] < TWO_PEAKS) & (self.sizes[at] >= ENOUGH_FOR_PEAKS)
 
     def of_one_sheet(self, at: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Noise (B,) of one of two sheets: the scatter of the absolute heights."""
+        """Noise (B,) of one of two sheets alike: by the kurtosis, 1 + 4 x - 2 x^2 where x is its share of the variance."""
         every = np.arange(len(at))
-        rest = self.scatter[every, at] ** 2 - self.absolute[every, at] ** 2
-        return np.sqrt(np.maximum(rest, 0))
+        share = 1 - np.sqrt(np.clip(3 - self.kurtosis[every, at], 0, 2) / 2)
+        return self.scatter[every, at] / UPWARDS * np.sqrt(share)
 
 
 def _curves(
@@ -164,9 +179,7 @@ def _curves(
         return np.where(np.isfinite(chosen), chosen, 1e-300)
 
     scatter = UPWARDS * typical(fits.scatter, SHARE)
-    return _Curves(
-        sizes, scatter, typical(fits.radius, 0.5), typical(fits.absolute, SHARE), typical(fits.kurtosis, 0.5)
-    )
+    return _Curves(sizes, scatter, typical(fits.radius, 0.5), typical(fits.kurtosis, 0.5))
 
 
 def _plateau(curves: _Curves, sizes: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -231,6 +244,7 @@ def _at_points(
     noise: NDArray[np.float64],
     spacing: NDArray[np.float64],
     double: NDArray[np.bool_],
+    alike: NDArray[np.float64],
     extent: NDArray[np.float64],
 ) -> LocalScale:
     """Interpolate the samples' logarithms to the points, weighted by nearness."""
@@ -245,4 +259,4 @@ def _at_points(
         return np.asarray(np.exp2(np.round(octave * GRADES) / GRADES))
 
     doubled = (double[index] * weight).sum(1) > 0.5
-    return LocalScale(spread(noise), spread(spacing), doubled, extent[index[:, 0]])
+    return LocalScale(spread(noise), spread(spacing), doubled, spread(alike), extent[index[:, 0]])

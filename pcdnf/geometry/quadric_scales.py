@@ -37,10 +37,8 @@ class ScaleFits:
         Variance of ``height`` in units of the noise's.
     normal : ndarray, (B, S, 3) float64
         Unit normal of the fit at the centre.
-    absolute : ndarray, (B, S) float64
-        Mean absolute distance of the neighbours from the fit.
     kurtosis : ndarray, (B, S) float64
-        Of these distances: 3 for Gaussian noise, 1 for two thin sheets.
+        Of the neighbours' heights above the fit: 3 for Gaussian noise, 1 for two thin sheets.
     """
 
     scatter: NDArray[np.float64]
@@ -48,7 +46,6 @@ class ScaleFits:
     height: NDArray[np.float64]
     leverage: NDArray[np.float64]
     normal: NDArray[np.float64]
-    absolute: NDArray[np.float64]
     kurtosis: NDArray[np.float64]
 
 
@@ -73,13 +70,13 @@ def fit_scales(
     -------
     ScaleFits
     """
-    out = np.empty((len(centres), len(sizes), 9))
+    out = np.empty((len(centres), len(sizes), 8))
     largest = int(sizes[-1])
     for start in range(0, len(centres), CHUNK):
         rows = centres[start : start + CHUNK]
         _, index = tree.query(points[rows], largest, workers=-1)
         _fit_scales(points, rows, np.asarray(index, np.int64), sizes, most or largest, out[start : start + CHUNK])
-    return ScaleFits(out[..., 0], out[..., 1], out[..., 2], out[..., 3], out[..., 4:7], out[..., 7], out[..., 8])
+    return ScaleFits(out[..., 0], out[..., 1], out[..., 2], out[..., 3], out[..., 4:7], out[..., 7])
 
 
 @nb.njit(cache=True, nogil=True)
@@ -166,8 +163,8 @@ def _normal_equations(points, at, index, size, stride, radius, axes, gram, right
 
 @nb.njit(cache=True, nogil=True)
 def _residuals(points, at, index, size, stride, radius, axes, fit):  # type: ignore[no-untyped-def]
-    """Mean absolute, mean squared and mean fourth power of the neighbours' heights above a fit."""
-    one = two = four = 0.0
+    """Mean squared and mean fourth power of the neighbours' heights above a fit."""
+    two = four = 0.0
     count = 0
     for m in range(0, size, stride):
         j = index[m]
@@ -176,9 +173,9 @@ def _residuals(points, at, index, size, stride, radius, axes, fit):  # type: ign
         y = axes[1, 0] * u + axes[1, 1] * v + axes[1, 2] * w
         z = axes[2, 0] * u + axes[2, 1] * v + axes[2, 2] * w
         z -= fit[0] + x * (fit[1] + fit[3] * x + fit[4] * y) + y * (fit[2] + fit[5] * y)
-        one, two, four = one + abs(z), two + z * z, four + z**4
+        two, four = two + z * z, four + z**4
         count += 1
-    return one / count, two / count, four / count
+    return two / count, four / count
 
 
 @nb.njit(cache=True, nogil=True, parallel=True)
@@ -200,7 +197,7 @@ def _fit_scales(points, centres, index, sizes, most, out):  # type: ignore[no-un
             if count <= TERMS or not _cholesky(gram):
                 continue
             leverage = _solve(gram, right, fit)
-            one, two, four = _residuals(points, at, index[b], size, stride, radius, axes, fit)
+            two, four = _residuals(points, at, index[b], size, stride, radius, axes, fit)
             slant = np.sqrt(1.0 + fit[1] * fit[1] + fit[2] * fit[2])
             out[b, s, 0] = np.sqrt(two * count / (count - TERMS)) * radius
             out[b, s, 1] = radius
@@ -208,5 +205,4 @@ def _fit_scales(points, centres, index, sizes, most, out):  # type: ignore[no-un
             out[b, s, 3] = leverage
             for i in range(3):
                 out[b, s, 4 + i] = (axes[2, i] - fit[1] * axes[0, i] - fit[2] * axes[1, i]) / slant
-            out[b, s, 7] = one * radius
-            out[b, s, 8] = four / max(two * two, 1e-300)
+            out[b, s, 7] = four / max(two * two, 1e-300)

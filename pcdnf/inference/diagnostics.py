@@ -50,9 +50,7 @@ class Diagnostics:
         return {name: f"{each.mean():.2%}" for name, each in shares.items()}
 
 
-def diagnose(
-    came: NDArray[np.floating], moved: NDArray[np.floating], noise: NDArray[np.floating]
-) -> Diagnostics:
+def diagnose(came: NDArray[np.floating], moved: NDArray[np.floating], noise: NDArray[np.floating]) -> Diagnostics:
     """Compare a cloud before and after.
 
     Parameters
@@ -65,6 +63,4 @@ def diagnose(
     share = displacement / np.maximum(noise, 1e-300)
     confidence = np.clip((FARTHEST - share) / (FARTHEST - USUAL_MOVE), 0, 1)
     confidence[(displacement == 0) & (noise > 0)] = 0
-    return Diagnostics(
-        displacement.astype(np.float32), np.asarray(noise, np.float32), confidence.astype(np.float32)
-    )
+    return Diagnostics(displacement.astype(np.float32), np.asarray(noise, np.float32), confidence.astype(np.float32))

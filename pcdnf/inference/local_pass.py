@@ -91,8 +91,8 @@ def denoise_rows(
     if len(by_network):
 
         def step(done: int) -> None:
-            if progress is not None:
-                progress(len(rows) * done // (len(by_network) + 1))
+            if progress is not None and done < len(by_network):
+                progress(len(rows) * done // len(by_network))
 
         tile = inference.denoise(
             work.points, work.normals, source, own[by_network], unit=unit, progress=step, should_stop=should_stop

@@ -23,8 +23,9 @@ USUAL, SMALL = 200, 0.04
 steps of a depth camera look like clean surface to a smaller one."""
 RARE = 0.001
 """Share of the points for whose sake there is another iteration."""
-LOCAL = 0.9
-"""Radius around a point, relative to the recipe's for the same noise and spacing: local estimates are higher."""
+LOCAL, DEEP = 0.86, 9.0
+"""Of local estimates, which are higher in noise and lower in spacing: radius relative to the recipe's for the same noise
+and spacing, and noise in spacings above which a third iteration gains."""
 LARGEST = 0.07
 """Share of the diagonal beyond which the radius grows no more with the noise: features of the shape are that size."""
 
@@ -138,7 +139,7 @@ def make_plan(
 def _local_plan(scale: LocalScale, recipe: Recipe, unit: float, count: int | None, neighbours: int | None) -> Plan:
     """Plan a run whose radius differs from point to point."""
     if count is None:
-        share = [float((scale.ratio >= bound).mean()) for bound in (CLEAN, HEAVY)]
+        share = [float((scale.ratio >= bound).mean()) for bound in (CLEAN, DEEP)]
         count = 1 if share[0] < RARE else 2 if share[1] < RARE else 3
     typical = scale.median().rounded()
     first = float(np.median(local_radius(scale, recipe)))
@@ -148,7 +149,7 @@ def _local_plan(scale: LocalScale, recipe: Recipe, unit: float, count: int | Non
 
 def local_radius(scale: LocalScale, recipe: Recipe) -> NDArray[np.float64]:
     """Patch radius (N,) of the first iteration around each point, in the unit of the scale."""
-    by_noise = LOCAL * recipe.adaptive * np.sqrt(scale.noise * scale.spacing)
+    by_noise = LOCAL * recipe.adaptive * np.sqrt(scale.noise * scale.spacing) * scale.alike
     flat_ball = scale.spacing * math.sqrt(1 / math.pi)
     usual = np.minimum(flat_ball * math.sqrt(USUAL), SMALL * scale.extent)
     least = flat_ball * math.sqrt(max(recipe.fewest, 1))
@@ -158,7 +159,7 @@ def local_radius(scale: LocalScale, recipe: Recipe) -> NDArray[np.float64]:
 
 def needs_pass(scale: LocalScale, iteration: int) -> NDArray[np.bool_]:
     """Points (N,) that an iteration denoises with the network: fewer and fewer, as the noise asks."""
-    return np.asarray(scale.ratio >= (CLEAN if iteration < 2 else HEAVY)) & ~scale.double
+    return np.asarray(scale.ratio >= (CLEAN if iteration < 2 else DEEP)) & ~scale.double
 
 
 def iteration_seed(seed: int, iteration: int) -> int:

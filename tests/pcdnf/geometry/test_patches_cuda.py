@@ -9,6 +9,7 @@ import torch
 from pcdnf import Denoiser
 from pcdnf.geometry.patches import PatchSource
 from pcdnf.geometry.patches_cuda import DevicePatchSource
+from pcdnf.geometry.patches_local import LocalPatchSource
 from pcdnf.geometry.recipe import Recipe
 from pcdnf.inference.tiles import Cloud
 
@@ -76,9 +77,9 @@ def test_the_same_cloud_comes_out() -> None:
     denoiser = Denoiser.load("pcdnf-lite", device="cpu", precision="float32")
     points, normals = sheet(3000)
     cloud = denoiser.prepare(points, normals)
-    assert isinstance(cloud.source, PatchSource)
+    assert isinstance(cloud.source, LocalPatchSource)
     device = DevicePatchSource(cloud.source, device="cpu")
-    other = Cloud(cloud.points, cloud.normals, cloud.frame, device, cloud.order)
+    other = Cloud(cloud.points, cloud.normals, cloud.frame, device, cloud.order, cloud.local)
     expected = denoiser.denoise_tile(cloud, 0, 3000)
     result = denoiser.denoise_tile(other, 0, 3000)
     assert np.array_equal(result.flagged, expected.flagged)

@@ -17,8 +17,9 @@ def sheet(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def source(count: int, radius: np.ndarray | float, sided: bool = False) -> LocalPatchSource:
     points, normals = sheet(count)
-    radius = np.broadcast_to(np.asarray(radius, float), count)
-    return LocalPatchSource(points, normals, RECIPE, radius=radius, noise=np.full(count, 0.005), seed=1, sided=sided)
+    noise = np.full(count, 0.05)  # all that is near may belong to the centre's sheet
+    radius = np.full(count, 1.0) * radius
+    return LocalPatchSource(points, normals, RECIPE, radius=radius, noise=noise, seed=1, sided=sided)
 
 
 def test_each_patch_is_scaled_by_its_own_radius() -> None:
