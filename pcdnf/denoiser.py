@@ -347,11 +347,9 @@ class Denoiser:
                 moved[rows], turned[rows] = tile.points, tile.normals
                 flagged[rows] |= tile.flagged
             current, raw = moved, turned
-        metadata = self.metadata(seed=seed, plan=plan, initial=initial)
-        if survey is None:
-            return DenoiseResult(moved, turned, flagged, metadata)
-        found = diagnose(given, moved, survey.noise(frame))
-        return DenoiseResult(moved, turned, flagged, metadata | found.metadata(), found)
+        found = diagnose(given, moved, np.full(len(given), plan.scale.noise) if survey is None else survey.noise(frame))
+        metadata = self.metadata(seed=seed, plan=plan, initial=initial) | found.metadata()
+        return DenoiseResult(moved, turned, flagged, metadata, found)
 
     def metadata(self, *, seed: int, plan: Plan, initial: InitialNormals) -> dict[str, str]:
         """What is needed to repeat a run, for the result's file."""

@@ -94,6 +94,11 @@ def add_denoise(subparsers: Subparsers) -> None:
         help="type of the result's coordinates; float32 coordinates far from the origin are shifted by a recorded "
         "offset (default: keep)",
     )
+    parser.add_argument(
+        "--diagnostics",
+        action="store_true",
+        help="add columns to the result: displacement, estimated_noise, and confidence from 0 to 1 in each move",
+    )
     parser.add_argument("--seed", type=_natural, default=0, metavar="S", help="seed of all random choices (default: 0)")
     parser.add_argument(
         "--picture", type=Path, metavar="PNG", help="also draw before, after and how far each point moved, as a PNG"
@@ -118,7 +123,7 @@ def _classes(text: str) -> tuple[int, ...]:
 
 def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
-    from ..formats.attributes import without_classes
+    from ..formats.attributes import with_columns, without_classes
     from ..formats.scanner_positions import known_sides
 
     for path in filter(None, (options.output, options.picture)):
@@ -153,6 +158,8 @@ def _denoise(options: argparse.Namespace) -> int:
         normals = orient_normals(result.points, normals, like=known_sides(cloud))
     around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
     denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
+    if options.diagnostics and result.diagnostics is not None:
+        denoised = with_columns(denoised, result.diagnostics.columns())
     notes = denoised.warnings + _written(options.output, denoised, options)
     if result.flagged.any():
         notes.append(f"{int(result.flagged.sum())} points have too few neighbours and were left unchanged.")
@@ -168,6 +175,7 @@ def _denoise(options: argparse.Namespace) -> int:
         how = f"{denoiser.device}, {denoiser.precision}, {facts['model']}"
         print(f"{len(cloud):,} points in {seconds:.1f} s ({rate:,.0f} points/s; {how}): {options.output}")
         print(f"noise about {facts['estimated_noise']}; iterations: {facts['iterations']}, radius: {facts['radius']}")
+        print(f"points moved: {facts['moved']}, left: {facts['left']}, moved doubtfully far: {facts['doubtful']}")
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,23 @@ def _of_classes(cloud: PointCloud, classes: Sequence[int]) -> NDArray[np.int64]:
             hint="Name no classes to ignore, or send a LAS or LAZ with classes.",
         )
     return np.flatnonzero(np.isin(values, classes))
+
+
+def with_columns(cloud: PointCloud, columns: Columns) -> PointCloud:
+    """The cloud with further columns of floats, (N,) each, which are NaN in its holes.
+
+    A column whose name is taken gets ``pcdnf_`` before it.
+    """
+    attributes, holes = dict(cloud.attributes), cloud.holes
+    absent = {} if holes is None else dict(holes.attributes)
+    for name, column in columns.items():
+        taken = {known.lower() for known in attributes}
+        while name in taken:
+            name = f"pcdnf_{name}"
+        attributes[name] = column
+        if holes is not None:
+            absent[name] = np.full(len(holes.rows), np.nan, column.dtype)
+    return replace(cloud, attributes=attributes, holes=None if holes is None else replace(holes, attributes=absent))
 
 
 def renamed(attributes: Columns) -> Columns:

@@ -29,12 +29,12 @@ class Distinct:
         return len(self.rows) == len(self.of)
 
 
-def void_rows(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def void_rows(points: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Rows (N,) of a cloud (N, 3) that are exactly (0, 0, 0), where there is more than one.
 
     Depth cameras and spinning scanners write pixels without a return so. A single such row may be a point.
     """
-    void: NDArray[np.bool_] = ~points.any(1)
+    void: NDArray[np.bool_] = np.logical_not(points.any(1))
     return void if void.sum() > 1 else np.zeros(len(points), bool)
 
 

@@ -37,12 +37,13 @@ SHARE, UPWARDS = 0.42, 1.06
 """Quantile of their scatters, a little below the median against edges, and what makes up for it on a plain."""
 FINE = 0.2
 """Noise in spacings below which growing scatter is always taken for shape."""
-FLAT, DEEP = 0.3, 0.22
-"""Scatter as a share of the radius below which a neighbourhood is flat, and above which larger ones are tried."""
+FLAT, DEEP = 0.37, 0.22
+"""Scatter as a share of the radius below which a neighbourhood is flat, and above which larger ones are tried. Points
+that fill a ball have 0.447; larger neighbourhoods than needed take curvature for noise."""
 TWO_PEAKS, ENOUGH_FOR_PEAKS = 1.95, 27
 """Kurtosis of heights below which they have two peaks (uniform ones have 1.8), and neighbours that it takes to tell."""
 MOST_ALIKE = 1.6
-"""Growth of the scatter beyond which it is not taken for noise that is alike."""
+"""Growth of the noise beyond which it is not taken for noise that is alike."""
 SMOOTH = 8
 """Samples over whose logarithms the estimates are averaged."""
 GAP = 6.0
@@ -65,8 +66,8 @@ class LocalScale:
         Where the points lie on two sheets so near to one another that no neighbourhood holds one alone; ``noise`` is
         that of one sheet.
     alike : ndarray, (N,) float64
-        From 1 to ``MOST_ALIKE``: how much the noise of neighbours is alike. Its scatter still grows by so much from the
-        middle one of the sizes on, and a mean over as many points removes less of it.
+        How much the noise of neighbours is alike, from 1 on. It still grows by so much from the middle one of the
+        sizes on, and a mean over as many points removes less of it.
     extent : ndarray, (N,) float64
         Diagonal of the object that the point belongs to: points that gaps separate from it do not count.
     """
@@ -80,7 +81,7 @@ class LocalScale:
     @property
     def ratio(self) -> NDArray[np.float64]:
         """Noise in spacings, (N,)."""
-        return self.noise / np.maximum(self.spacing, 1e-300)
+        return np.asarray(self.noise / np.maximum(self.spacing, 1e-300))
 
     def median(self) -> Scale:
         """One noise and one spacing that are typical."""
@@ -146,20 +147,21 @@ class _Curves:
         return noise, radius * np.sqrt(np.pi / self.sizes[at])
 
     def growth(self, at: NDArray[np.int64]) -> NDArray[np.float64]:
-        """How much (B,) the scatter grows from the middle size to the one of index ``at`` (B,), from 1 on."""
-        every, middle = np.arange(len(at)), len(self.sizes) // 2
-        grown = self.scatter[every, at] / np.maximum(self.scatter[:, middle], 1e-300)
-        return np.where(at > middle, np.clip(grown, 1, MOST_ALIKE), 1.0)
+        """How much (B,) the noise grows from the middle size to the largest, 1 where ``at`` (B,) is not the largest."""
+        largest = np.full(len(at), len(self.sizes) - 1)
+        grown = self.scale(largest)[0] / np.maximum(self.scale(largest // 2)[0], 1e-300)
+        return np.where(at == largest, np.clip(grown, 1, MOST_ALIKE), 1.0)
 
     def double(self, at: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Where (B,) the heights have two peaks at the size of index ``at`` (B,)."""
-        return (self.kurtosis[np.arange(len(at)), at] < TWO_PEAKS) & (self.sizes[at] >= ENOUGH_FOR_PEAKS)
+        flat = self.kurtosis[np.arange(len(at)), at] < TWO_PEAKS
+        return np.asarray(flat & (self.sizes[at] >= ENOUGH_FOR_PEAKS))
 
     def of_one_sheet(self, at: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Noise (B,) of one of two sheets alike: by the kurtosis, 1 + 4 x - 2 x^2 where x is its share of the variance."""
+        """Noise (B,) of one of two sheets: its share x of the variance makes the kurtosis 1 + 4 x - 2 x^2."""
         every = np.arange(len(at))
         share = 1 - np.sqrt(np.clip(3 - self.kurtosis[every, at], 0, 2) / 2)
-        return self.scatter[every, at] / UPWARDS * np.sqrt(share)
+        return np.asarray(self.scatter[every, at] / UPWARDS * np.sqrt(share))
 
 
 def _curves(
@@ -209,13 +211,10 @@ def _deep_scale(
     few = rows[deep[len(deep) % 8 // 2 :: 8]]
     sizes = np.array([size for size in (SIZES[-1], *LARGE_SIZES) if size <= len(points) // 4])
     chosen = cKDTree(points[few])
-    around = chosen.query(points[few], min(AROUND // 2, len(few)), workers=-1)[1].reshape(len(few), -1)
-    fits = fit_scales(points, few, sizes, tree=tree, most=FITTED)
-    flat = fits.scatter < FLAT * fits.radius
-    first = np.where(flat.any(1), flat.argmax(1), len(sizes) - 1)
-    scatter, radius = fits.scatter[np.arange(len(few)), first], fits.radius[np.arange(len(few)), first]
-    noise = np.nanmedian((untruncated(scatter / radius) * radius)[around], axis=1)
-    spacing = np.nanmedian((radius * np.sqrt(np.pi / sizes[first]))[around], axis=1)
+    around = chosen.query(points[few], min(AROUND, len(few)), workers=-1)[1].reshape(len(few), -1)
+    curves = _curves(points, few, sizes, tree, around)
+    flat = curves.scatter < FLAT * curves.radius
+    noise, spacing = curves.scale(np.where(flat.any(1), flat.argmax(1), len(sizes) - 1))
     nearest = chosen.query(points[rows[deep]], workers=-1)[1]
     return noise[nearest], spacing[nearest]
 

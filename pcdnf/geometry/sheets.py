@@ -15,7 +15,7 @@ from torch import Tensor
 
 PARALLEL = 0.8
 """Cosine of two normals, up to sign, from which on they count as parallel."""
-DEPTH = 4.0
+DEPTH = 5.0
 """Height above the tangent plane, in noises, that may be noise alone."""
 SLACK, TURN = 0.15, 1.5
 """Slope that errors of the normals explain, and factor on the slope that their angle does."""

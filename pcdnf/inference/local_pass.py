@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from ..geometry.flat_fits import flat_fits
 from ..geometry.normals import unit_towards
+from ..geometry.patches import PatchSource
 from ..geometry.patches_cuda import DevicePatchSource
 from ..geometry.patches_local import LocalPatchSource
 from .diagnostics import FARTHEST
@@ -54,7 +55,7 @@ class LocalPass:
 def denoise_rows(
     inference: Inference,
     work: LocalPass,
-    source: LocalPatchSource | DevicePatchSource,
+    source: PatchSource | LocalPatchSource | DevicePatchSource,
     rows: NDArray[np.int64],
     *,
     given: tuple[NDArray[np.float64], NDArray[np.float32]],
@@ -68,7 +69,7 @@ def denoise_rows(
     ----------
     inference : Inference
     work : LocalPass
-    source : LocalPatchSource or DevicePatchSource
+    source : PatchSource, LocalPatchSource or DevicePatchSource
         Of the distinct points.
     rows : ndarray, (n,) int64
         Rows of the cloud.

@@ -23,9 +23,10 @@ USUAL, SMALL = 200, 0.04
 steps of a depth camera look like clean surface to a smaller one."""
 RARE = 0.001
 """Share of the points for whose sake there is another iteration."""
-LOCAL, DEEP = 0.86, 9.0
-"""Of local estimates, which are higher in noise and lower in spacing: radius relative to the recipe's for the same noise
-and spacing, and noise in spacings above which a third iteration gains."""
+DEEP = 9.0
+"""Noise in spacings above which a third iteration gains, by local estimates, which are higher."""
+LOCAL = 0.92
+"""Radius relative to the recipe's for the same noise and spacing: the recipe was made with a lower estimate of both."""
 LARGEST = 0.07
 """Share of the diagonal beyond which the radius grows no more with the noise: features of the shape are that size."""
 

@@ -26,7 +26,7 @@ from .survey import Survey
 from .tiles import Cloud
 from .unit_frame import Frame
 
-NORMALS = 2.3
+NORMALS = 2.5
 """Radius of the balls that initial normals are taken from, in noises around the point, where it is not smaller."""
 
 
@@ -115,5 +115,5 @@ def _prepare_local(
             source = DevicePatchSource(source, device=device)
     fine = ~active if iteration == 0 else np.zeros(len(rows), bool)
     work = LocalPass(survey, here, raw, active, fine, tree)
-    spread = np.append(raw, np.float32([[0, 0, 1]]), axis=0)[survey.distinct.of]
+    spread = np.append(raw, np.array([[0, 0, 1]], np.float32), axis=0)[survey.distinct.of]
     return Cloud(points, spread, frame, source, spatial_order(frame.to_local(points)), work)

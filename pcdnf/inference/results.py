@@ -43,7 +43,7 @@ class DenoiseResult:
         Model, weights' hash, device, precision, seed, initial normals, iterations, radius, version: enough to repeat
         the run; with them the shares of points that were moved, left, and moved doubtfully far.
     diagnostics : Diagnostics, optional
-        Of each point; None for a radius that the caller chose, or a network of one radius.
+        Of each point. For a radius that the caller chose, or a network of one radius, the noise is one for all points.
     """
 
     points: NDArray[np.float64]

@@ -9,6 +9,7 @@ from ..geometry.patches import PatchSource
 from ..geometry.patches_cuda import DevicePatchSource
 from ..geometry.patches_local import LocalPatchSource
 from .local_pass import LocalPass
+from .plan import Plan
 from .unit_frame import Frame
 
 TILE = 16384
@@ -51,6 +52,10 @@ class Cloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def noise(self, plan: Plan) -> NDArray[np.float64]:
+        """Noise (N,) estimated around each point as it came, in the cloud's unit; one for all where the plan has."""
+        return np.full(len(self), plan.scale.noise) if self.local is None else self.local.survey.noise(self.frame)
 
     def tiles(self, size: int = TILE) -> list[tuple[int, int]]:
         """Ranges (start, stop) of ``order`` that cover the cloud."""

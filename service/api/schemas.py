@@ -42,6 +42,7 @@ EXAMPLE: dict[str, Any] = {
         "nonfinite": "keep",
         "ignore_classes": "",
         "coordinates": "keep",
+        "diagnostics": False,
     },
     "execution": {
         "model": "pcdnf-lite",

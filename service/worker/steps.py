@@ -21,8 +21,10 @@ from pcdnf.denoiser import Stopped
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
+from pcdnf.formats.attributes import with_columns
 from pcdnf.formats.scanner_positions import known_sides
 from pcdnf.geometry.orientation import orient_normals
+from pcdnf.inference.diagnostics import diagnose
 
 from ..jobs.dbos_contract import GIVEN_UP
 from ..jobs.files import DISPLAY, UPLOAD, job_file, result_facts, result_name
@@ -199,7 +201,7 @@ def merge(runtime: Runtime, job: Job, now: Pass, tiles: Part, files: list[str]) 
         points, normals = np.empty((len(cloud), 3)), np.empty((len(cloud), 3), np.float32)
         flagged = np.zeros(len(cloud), bool)
         if now.before is None:
-            store_arrays(runtime, job.id, INITIAL_NORMALS, normals=cloud.normals)
+            store_arrays(runtime, job.id, INITIAL_NORMALS, normals=cloud.normals, noise=cloud.noise(planned(job)))
         else:
             flagged |= load_arrays(runtime, job.id, now.before)["flagged"]
         for (start, stop), file in zip(tiles, files, strict=True):
@@ -227,10 +229,16 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
     denoiser = runtime.models.get(parameters["model"])
     metadata = denoiser.metadata(seed=parameters["seed"], plan=plan, initial=parameters["normals"])
     metadata |= {"orient": "on" if parameters["orient"] else "off", "outliers": parameters["outliers"]}
+    first = load_arrays(runtime, job.id, INITIAL_NORMALS)
+    noise = np.broadcast_to(first.get("noise", plan.scale.noise), len(given))  # none from an older worker
+    found = diagnose(given.points, merged["points"], noise)
+    metadata |= found.metadata()
     normals = merged["normals"]
     if parameters["orient"]:
         normals = orient_normals(merged["points"], normals, like=known_sides(given))
     cloud = given.replaced(merged["points"], normals, metadata=metadata)
+    if parameters.get("diagnostics"):
+        cloud = with_columns(cloud, found.columns())
     warnings = list(cloud.warnings)
     results = {}
     for name in dict.fromkeys((given.flavour.format, *STORED)):
@@ -252,7 +260,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
             path,
             before=given.points,
             after=merged["points"],
-            raw_normals=load_arrays(runtime, job.id, INITIAL_NORMALS)["normals"],
+            raw_normals=first["normals"],
             normals=normals,
             colour=colours(given),
         )

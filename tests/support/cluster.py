@@ -19,7 +19,7 @@ from tests.support.servers import free_port
 
 QUICK = {
     "tile_points": 256,
-    "poll_seconds": 0.1,
+    "poll_seconds": 0.3,
     "heartbeat_seconds": 0.5,
     "worker_stale_seconds": 3,
     "grace_seconds": 20,

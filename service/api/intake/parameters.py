@@ -84,6 +84,11 @@ class Parameters(BaseModel):
         description="Treatment of points that are NaN or infinite: return them in their places, refuse the file, or "
         "remove them",
     )
+    diagnostics: bool = Field(
+        False,
+        description="Whether the result has columns on what was done to each point: `displacement`, "
+        "`estimated_noise`, and a `confidence` from 0 to 1",
+    )
     ignore_classes: Annotated[str, AfterValidator(_classes)] = Field(
         "",
         description="Classes of a LAS or LAZ whose points come back unchanged and are left out of the fit: `7,18` for "

@@ -82,6 +82,21 @@ def test_denoise_keeps_everything_and_says_how(noisy: Path, tmp_path: Path, caps
     assert f"{COUNT} points in" in capsys.readouterr().out
 
 
+def test_what_was_done_to_each_point_is_added_on_request(
+    noisy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "out.ply"
+    assert main(["denoise", str(noisy), "-o", str(output), "--device", "cpu", "--diagnostics"]) == 0
+    before, after = read(noisy), read(output)
+    moved = np.linalg.norm(after.points - before.points, axis=1)
+    np.testing.assert_allclose(after.attributes["displacement"], moved, atol=1e-6)
+    confidence, noise = after.attributes["confidence"], after.attributes["estimated_noise"]
+    assert 0 <= confidence.min() <= confidence.max() <= 1
+    assert (confidence[moved <= 2 * noise] == 1)[moved[moved <= 2 * noise] > 0].all()
+    told = capsys.readouterr().out
+    assert f"points moved: {after.metadata['moved']}, left: {after.metadata['left']}" in told
+
+
 def test_the_name_of_the_output_picks_the_format(
     noisy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
