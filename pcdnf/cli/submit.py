@@ -31,6 +31,7 @@ PARAMETERS = {
     "orient": "flip the normals to one side of the surface: true or false",
     "outliers": "points far from all others: keep or drop",
     "nonfinite": "rows that contain NaN or infinity: keep, reject or drop",
+    "diagnostics": "add displacement, estimated noise and confidence of each point to the result: true or false",
     "ignore_classes": "LAS classes that are returned unchanged and excluded from the fit, such as 7,18",
     "coordinates": "type of the result's coordinates: keep, float32 or float64",
 }

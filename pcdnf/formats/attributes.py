@@ -94,7 +94,7 @@ def _of_classes(cloud: PointCloud, classes: Sequence[int]) -> NDArray[np.int64]:
 
 
 def with_columns(cloud: PointCloud, columns: Columns) -> PointCloud:
-    """The cloud with further columns of floats, (N,) each, which are NaN in its holes.
+    """Add columns of floats, (N,) each, to a cloud; they are NaN in its holes.
 
     A column whose name is taken gets ``pcdnf_`` before it.
     """

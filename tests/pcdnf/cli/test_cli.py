@@ -298,9 +298,10 @@ def test_as_a_user_runs_it(noisy: Path, tmp_path: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
-    first, second = done.stdout.splitlines()
+    first, second, third = done.stdout.splitlines()
     assert first.endswith(f": {tmp_path / 'out.npz'}")
-    assert re.fullmatch(r"noise about 0\.0\d+; iterations: \d, radius: [0-9., ]+", second)
+    assert re.fullmatch(r"noise about 0\.0\d+; iterations: \d, radius: about [0-9., ]+", second)
+    assert re.fullmatch(r"points moved: [0-9.]+%, left: [0-9.]+%, moved doubtfully far: [0-9.]+%", third)
     with np.load(tmp_path / "out.npz", allow_pickle=False) as arrays:
         assert {f"pcdnf_{key}" for key in KEYS} <= set(arrays)
         assert arrays["points"].dtype == np.float64

@@ -67,6 +67,7 @@ def test_form_with_parameters_on_both_sides_of_the_file(api: httpx.Client, small
     assert response.json()["parameters"] == {
         "iterations": 2, "radius": "auto", "model": "pcdnf-lite", "seed": 7, "normals": "auto", "orient": False,
         "outliers": "keep", "nonfinite": "keep", "fast": False, "ignore_classes": "", "coordinates": "keep",
+        "diagnostics": False,
     }  # fmt: skip
     assert response.json()["upload"]["name"] == "a"
 
