@@ -158,7 +158,7 @@ def test_detached_jobs_are_listed_resumed_and_removed(
     shown = json.loads(capsys.readouterr().out)
     assert (shown["id"], shown["status"]) == (job_id, "succeeded")
     assert run("jobs", "--url", url, "--cancel", job_id) == 1
-    assert "cannot be cancelled any more" in capsys.readouterr().err, "its result stays"
+    assert "already succeeded and cannot be cancelled" in capsys.readouterr().err, "its result stays"
     assert run("jobs", "--url", url, "--remove", job_id) == 0
     assert capsys.readouterr().out == f"{job_id}  removed\n"
     assert run("jobs", "--url", url, "--remove", job_id) == 1

@@ -66,7 +66,7 @@ def test_noise_and_outliers_hardly_change_the_diagonal() -> None:
 def test_a_few_points_beside_many_equal_ones_still_have_a_frame() -> None:
     points = np.zeros((1000, 3))
     points[:3] = np.eye(3)
-    assert np.isclose(Frame.of(points).diagonal, np.sqrt(3))
+    assert np.isclose(Frame.of(points).diagonal, np.sqrt(3), rtol=0.02)  # without the tails of its box
 
 
 def test_arrays_that_are_no_points() -> None:
