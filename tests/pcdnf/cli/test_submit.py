@@ -162,7 +162,7 @@ def test_detached_jobs_are_listed_resumed_and_removed(
     assert run("jobs", "--url", url, "--remove", job_id) == 0
     assert capsys.readouterr().out == f"{job_id}  removed\n"
     assert run("jobs", "--url", url, "--remove", job_id) == 1
-    assert "no such job" in capsys.readouterr().err
+    assert "no job with this id" in capsys.readouterr().err
     assert run("submit", "--resume", job_id, "--out-folder", tmp_path, "--url", url) == 1
 
 
