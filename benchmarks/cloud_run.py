@@ -54,7 +54,7 @@ def measured(points: int, *, model: str, precision: str, tiles: int) -> dict[str
 
     imported = now() - began
     stages = Stages()
-    stages.watch(plan, "estimate_scale", "noise and spacing")
+    stages.watch(plan, "estimate_noise", "noise and spacing")
     stages.watch(plan, "cKDTree", "tree")
     stages.watch(preparation, "cKDTree", "tree")
     stages.watch(preparation, "raw_normals", "normals")

@@ -128,7 +128,7 @@ def train(variants: list[Variant], folder: Path, options: dict[str, int], device
         batch=options["batch"],
         pool=64,
         fresh_every=FRESH_EVERY,
-        forerunner=None,
+        teacher=None,
     )
     began = time.monotonic()
     batches = stream(data, processes=workers, pin=device != "cpu")

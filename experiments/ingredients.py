@@ -26,7 +26,7 @@ from torch import nn
 from pcdnf import Denoiser
 from pcdnf.models.cpu.allocator import keep_freed_memory
 from pcdnf.models.lite import LiteConfig, PCDNFLite
-from pcdnf.training.corruption import Mix
+from pcdnf.training.corruption import Corruption
 from pcdnf.training.dataset import TrainingCloud, shape_sample
 from pcdnf.training.defaults import DEFAULTS
 from pcdnf.training.loader import first_pass
@@ -34,8 +34,9 @@ from pcdnf.training.losses import Batch, Surface, angle_degrees, joint_loss, poi
 from pcdnf.training.trainer import learning_rate
 
 LITE = DEFAULTS["lite"]
-PLAIN = Mix(
-    points=(50_000, 120_000), **{field.name: 0.0 for field in fields(Mix) if field.name not in ("points", "thin")}
+PLAIN = Corruption(
+    points=(50_000, 120_000),
+    **{field.name: 0.0 for field in fields(Corruption) if field.name not in ("points", "thin")},
 )
 CONDITIONS = {
     "plain": PLAIN,

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pcdnf import Denoiser
-from pcdnf.geometry.noise import estimate_scale, normals_reach
+from pcdnf.geometry.noise import estimate_noise, normals_reach
 from pcdnf.geometry.normals import raw_normals
 from pcdnf.geometry.patches import PatchSource
-from pcdnf.inference.unit_frame import Frame
+from pcdnf.inference.unit_frame import UnitFrame
 from pcdnf.training.shapes import CleanCloud, random_shape
 
 FIRST_SEED = 2_000_000
@@ -39,8 +39,8 @@ def errors(
     tree = cKDTree(shape.points)
     rng = np.random.default_rng(int(1e6 * level) + len(shape.points))
     noisy = shape.points + rng.normal(size=shape.points.shape) * level / 100
-    frame = Frame(np.zeros(3), 1.0)
-    scale = estimate_scale(noisy, cKDTree(noisy))
+    frame = UnitFrame(np.zeros(3), 1.0)
+    scale = estimate_noise(noisy, cKDTree(noisy))
     first = replace(denoiser.recipe, adaptive=factor).adaptive_radius(scale)
     radii = [first, *[first * later] * (iterations - 1)]
     distance = np.linalg.norm(noisy - noisy[rng.integers(len(noisy))], axis=1)

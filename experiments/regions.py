@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from pcdnf import Denoiser
 from pcdnf.benchmark.clouds import CleanCloud, read_clouds
-from pcdnf.inference.unit_frame import Frame
+from pcdnf.inference.unit_frame import UnitFrame
 from pcdnf.metrics import normal_error, point_to_surface
 
 MODELS = ("pcdnf", "pcdnf-lite")
@@ -39,7 +39,7 @@ def around(tree: cKDTree, rows: NDArray[np.int64], reach: float) -> NDArray[np.i
 
 def denoised(denoiser: Denoiser, noisy: Floats, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.float32]]:
     """Points and normals of ``rows`` as a run over the whole cloud would make them."""
-    plan, frame, tree = denoiser.plan(noisy), Frame.of(noisy), cKDTree(noisy)
+    plan, frame, tree = denoiser.plan(noisy), UnitFrame.of(noisy), cKDTree(noisy)
     needed = [rows]
     for radius in plan.radii[:0:-1]:
         needed.insert(0, around(tree, needed[0], MOVED * radius * frame.diagonal))

@@ -80,7 +80,7 @@ def main() -> None:
     optimizers = [torch.optim.AdamW(network.parameters(), weight_decay=1e-4) for network in networks]
     teacher = fold(loaded("pcdnf"), torch.bfloat16) if "distilled" in trials else None
     recipe = replace(DEFAULTS["pcdnf"].recipe, fewest=DEFAULTS_LITE.recipe.fewest)
-    data = TrainingBatches(recipe, seed=SEED, batch=arguments.batch, pool=24, fresh_every=20, forerunner=None)
+    data = TrainingBatches(recipe, seed=SEED, batch=arguments.batch, pool=24, fresh_every=20, teacher=None)
     for step, batch in zip(range(arguments.steps), stream(data, processes=1, pin=False), strict=False):
         taught = teacher(batch.points, batch.normals) if teacher is not None else None
         chosen = torch.cat([torch.zeros(1, dtype=torch.int64), 1 + torch.randperm(511)[:255]])

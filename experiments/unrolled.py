@@ -29,7 +29,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 from trials import loaded
 
-from pcdnf.geometry.noise import Scale, clean_spacing, normals_reach
+from pcdnf.geometry.noise import NoiseEstimate, clean_spacing, normals_reach
 from pcdnf.geometry.normals import ball_normals
 from pcdnf.geometry.patches import PatchSource
 from pcdnf.models.cpu.allocator import keep_freed_memory
@@ -58,7 +58,7 @@ class Cloud:
         self.tree = cKDTree(self.clean)
         level = float(np.exp(rng.uniform(*np.log([0.003, 0.01]))))
         self.noisy = self.clean + rng.normal(size=self.clean.shape) * level
-        scale = Scale(level, clean_spacing(self.tree))
+        scale = NoiseEstimate(level, clean_spacing(self.tree))
         self.radius = LITE.recipe.adaptive_radius(scale)
         raw = ball_normals(self.noisy, normals_reach(self.radius, scale))
         self.recipe = replace(LITE.recipe, radius=self.radius, adaptive=0.0, fewest=16)

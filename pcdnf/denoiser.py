@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,10 +27,10 @@ from .inference.options import InitialNormals, check_fast, check_initial, check_
 from .inference.plan import Plan, iteration_seed, make_plan
 from .inference.prepare import prepare_cloud
 from .inference.results import DenoiseResult, TileResult
-from .inference.runner import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped
+from .inference.runner import FEWEST_NEIGHBOURS, Inference, ShouldStop, Stopped, StoppedError
 from .inference.survey import Survey, survey_cloud
-from .inference.tiles import Cloud
-from .inference.unit_frame import CloudError, Frame, checked_normals, checked_points
+from .inference.tiles import Cloud, denoise_tiles
+from .inference.unit_frame import CloudError, UnitFrame, checked_normals, checked_points
 from .models.build import trained_network
 from .models.catalog import DEFAULT_MODEL, ModelInfo
 from .models.checkpoint import load_checkpoint
@@ -44,10 +46,14 @@ __all__ = [
     "Plan",
     "ShouldStop",
     "Stopped",
+    "StoppedError",
     "TileResult",
+    "UnitFrame",
     "iteration_seed",
 ]
 
+Frame = UnitFrame
+"""The older name."""
 Progress = Callable[[int, int], None]
 
 
@@ -83,7 +89,7 @@ class Denoiser:
     def load(
         cls, name_or_path: str | os.PathLike[str] = DEFAULT_MODEL, *, device: str = "auto", precision: str = "auto"
     ) -> Denoiser:
-        """A denoiser with a shipped model (by name) or a checkpoint (by path).
+        """Return a denoiser with a shipped model (by name) or a checkpoint (by path).
 
         Parameters
         ----------
@@ -132,8 +138,9 @@ class Denoiser:
         radius: float | str = "auto",
         fast: bool = False,
     ) -> Plan:
-        """Choose what the caller leaves open; see :func:`~pcdnf.inference.plan.make_plan` and
-        :func:`~pcdnf.inference.options.check_fast`.
+        """Choose what the caller leaves open.
+
+        See :func:`~pcdnf.inference.plan.make_plan` and :func:`~pcdnf.inference.options.check_fast`.
 
         Raises
         ------
@@ -141,15 +148,15 @@ class Denoiser:
         """
         neighbours = check_fast(fast, self.inference.kind)
         given = checked_points(points, self.minimum_points)
-        frame = Frame.of(given)
+        frame = UnitFrame.of(given)
         survey = self._survey(given, frame) if check_radius(radius) is None else None
         return self._plan(given, frame, survey, iterations=iterations, radius=radius, neighbours=neighbours)
 
-    def _survey(self, points: NDArray[np.float64], frame: Frame) -> Survey | None:
+    def _survey(self, points: NDArray[np.float64], frame: UnitFrame) -> Survey | None:
         """Noise and spacing around each point, where the network's radius may follow them."""
         return survey_cloud(points, frame) if self.recipe.local else None
 
-    def _plan(self, points: NDArray[np.float64], frame: Frame, survey: Survey | None, **choices: Any) -> Plan:
+    def _plan(self, points: NDArray[np.float64], frame: UnitFrame, survey: Survey | None, **choices: Any) -> Plan:
         scale = None if survey is None else survey.scale
         return make_plan(points, self.recipe, frame=frame, scale=scale, **choices)
 
@@ -160,7 +167,7 @@ class Denoiser:
         *,
         plan: Plan | None = None,
         iteration: int = 0,
-        frame: Frame | None = None,
+        frame: UnitFrame | None = None,
         initial: InitialNormals = "input",
         seed: int = 0,
         should_stop: ShouldStop | None = None,
@@ -180,7 +187,7 @@ class Denoiser:
             Of the whole run, made for its first iteration's points; made here where not given.
         iteration : int
             Which one this is, from 0.
-        frame : Frame, optional
+        frame : UnitFrame, optional
             The first iteration's; later ones keep its centre and scale.
         initial : {"input", "auto", "pca"}
             What the raw normals are: ``normals`` where there are any, PCA of a scale that suits the noise (where the
@@ -203,10 +210,10 @@ class Denoiser:
             Another ``initial``.
         DeviceError
             Out of memory.
-        Stopped
+        StoppedError
         """
         given = checked_points(points, self.minimum_points)
-        frame = Frame.of(given) if frame is None else frame
+        frame = UnitFrame.of(given) if frame is None else frame
         if survey is None and (plan is None or plan.local):
             survey = self._survey(given if came is None else checked_points(came, self.minimum_points), frame)
         if plan is None:
@@ -244,7 +251,7 @@ class Denoiser:
         ------
         DeviceError
             Out of memory with the smallest batch.
-        Stopped
+        StoppedError
         """
         if cloud.local is not None:
             return denoise_rows(
@@ -309,22 +316,20 @@ class Denoiser:
             See :mod:`pcdnf.inference.options`.
         DeviceError
             Out of memory with the smallest batch.
-        Stopped
+        StoppedError
             ``should_stop`` returned True.
         """
         given = checked_points(points, self.minimum_points)
         raw, initial = checked_normals(normals, len(given)), check_initial(initial)
-        neighbours, frame = check_fast(fast, self.inference.kind), Frame.of(given)
+        neighbours, frame = check_fast(fast, self.inference.kind), UnitFrame.of(given)
         survey = self._survey(given, frame) if check_radius(radius) is None else None
         plan = self._plan(given, frame, survey, iterations=iterations, radius=radius, neighbours=neighbours)
-        current = given
-        moved, turned = given, np.empty(given.shape, np.float32)
-        flagged = np.zeros(len(given), bool)
+        merged = TileResult(given, np.empty(given.shape, np.float32), np.zeros(len(given), bool))
         total = plan.iterations * len(given)
         for iteration in range(plan.iterations):
             cloud = self.prepare(
-                current,
-                raw,
+                merged.points,
+                merged.normals if iteration else raw,
                 plan=plan,
                 iteration=iteration,
                 frame=frame,
@@ -334,25 +339,21 @@ class Denoiser:
                 survey=survey,
                 oriented=normals is not None,
             )
-            moved, turned = np.empty_like(given), np.empty(given.shape, np.float32)
-            for start, stop in cloud.tiles():
-                before = iteration * len(given) + start
 
-                def step(done: int, before: int = before) -> None:
-                    if progress is not None:
-                        progress(before + done, total)
+            def step(done: int, before: int = iteration * len(given)) -> None:
+                if progress is not None:
+                    progress(before + done, total)
 
-                tile = self.denoise_tile(cloud, start, stop, progress=step, should_stop=should_stop)
-                rows = cloud.order[start:stop]
-                moved[rows], turned[rows] = tile.points, tile.normals
-                flagged[rows] |= tile.flagged
-            current, raw = moved, turned
-        found = diagnose(given, moved, np.full(len(given), plan.scale.noise) if survey is None else survey.noise(frame))
+            flagged = merged.flagged
+            merged = denoise_tiles(cloud, partial(self.denoise_tile, should_stop=should_stop), progress=step)
+            merged = replace(merged, flagged=flagged | merged.flagged)
+        noise = np.full(len(given), plan.scale.noise) if survey is None else survey.noise(frame)
+        found = diagnose(given, merged.points, noise)
         metadata = self.metadata(seed=seed, plan=plan, initial=initial) | found.metadata()
-        return DenoiseResult(moved, turned, flagged, metadata, found)
+        return DenoiseResult(merged.points, merged.normals, merged.flagged, metadata, found)
 
     def metadata(self, *, seed: int, plan: Plan, initial: InitialNormals) -> dict[str, str]:
-        """What is needed to repeat a run, for the result's file."""
+        """Return what is needed to repeat a run, for the result's file."""
         return {
             "model": self.info.name if self.info else self.inference.kind,
             "weights_sha256": self.info.sha256 if self.info else "",

@@ -20,7 +20,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from .noise import Scale, untruncated
+from .noise import NoiseEstimate, untruncated
 from .quadric_scales import fit_scales
 
 SIZES = (12, 18, 27, 40, 60, 90, 135, 200)
@@ -83,9 +83,9 @@ class LocalScale:
         """Noise in spacings, (N,)."""
         return np.asarray(self.noise / np.maximum(self.spacing, 1e-300))
 
-    def median(self) -> Scale:
+    def median(self) -> NoiseEstimate:
         """One noise and one spacing that are typical."""
-        return Scale(float(np.median(self.noise)), float(np.median(self.spacing)))
+        return NoiseEstimate(float(np.median(self.noise)), float(np.median(self.spacing)))
 
 
 def estimate_local_scale(points: NDArray[np.float64], tree: cKDTree, order: NDArray[np.int64]) -> LocalScale:

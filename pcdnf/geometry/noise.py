@@ -25,7 +25,7 @@ FLAT = 0.3
 
 
 @dataclass(frozen=True)
-class Scale:
+class NoiseEstimate:
     """Noise and sampling of a cloud, in its unit.
 
     Attributes
@@ -39,16 +39,16 @@ class Scale:
     noise: float
     spacing: float
 
-    def rounded(self) -> Scale:
+    def rounded(self) -> NoiseEstimate:
         """To three digits: what a rounding of the coordinates changes shall not change a patch."""
-        return Scale(float(f"{self.noise:.3g}"), float(f"{self.spacing:.3g}"))
+        return NoiseEstimate(float(f"{self.noise:.3g}"), float(f"{self.spacing:.3g}"))
 
-    def scaled(self, factor: float) -> Scale:
+    def scaled(self, factor: float) -> NoiseEstimate:
         """In another unit."""
-        return Scale(self.noise * factor, self.spacing * factor)
+        return NoiseEstimate(self.noise * factor, self.spacing * factor)
 
 
-def normals_reach(radius: float, scale: Scale) -> float:
+def normals_reach(radius: float, scale: NoiseEstimate) -> float:
     """Radius of the balls that initial normals are taken from, where patches have this ``radius``."""
     return min(radius, max(0.4 * radius, 3 * scale.noise, 2.5 * scale.spacing))
 
@@ -60,7 +60,7 @@ def clean_spacing(tree: cKDTree) -> float:
     return float(np.median(distance)) * float(np.sqrt(np.pi / 16))
 
 
-def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
+def estimate_noise(points: NDArray[np.float64], tree: cKDTree) -> NoiseEstimate:
     """Estimate noise and spacing of a cloud.
 
     Parameters
@@ -71,7 +71,7 @@ def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
 
     Returns
     -------
-    Scale
+    NoiseEstimate
         Medians over a fixed sample of points; deterministic.
     """
     sample = np.linspace(0, len(points) - 1, min(len(points), SAMPLE)).astype(np.int64)
@@ -90,7 +90,7 @@ def estimate_scale(points: NDArray[np.float64], tree: cKDTree) -> Scale:
         left = left[~done]
         if last or not len(left):
             break
-    return Scale(float(np.nanmedian(noise)), float(np.nanmedian(spacing)))
+    return NoiseEstimate(float(np.nanmedian(noise)), float(np.nanmedian(spacing)))
 
 
 def untruncated(scatter: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from .noise import Scale
+from .noise import NoiseEstimate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Recipe:
     later: float = 1.0
     normals: Literal["pca", "ball"] = "pca"
 
-    def adaptive_radius(self, scale: Scale) -> float:
+    def adaptive_radius(self, scale: NoiseEstimate) -> float:
         """Return the first pass's radius for a cloud, in its unit, at least :meth:`least_radius`."""
         return max(self.adaptive * math.sqrt(scale.noise * scale.spacing), self.least_radius(scale))
 
@@ -54,7 +54,7 @@ class Recipe:
         """Whether the radius may differ from point to point."""
         return self.adaptive > 0 and self.kind == "ball"
 
-    def least_radius(self, scale: Scale) -> float:
+    def least_radius(self, scale: NoiseEstimate) -> float:
         """Of a flat ball that holds ``fewest`` points, in the cloud's unit."""
         return scale.spacing * math.sqrt(max(self.fewest, 1) / math.pi)
 

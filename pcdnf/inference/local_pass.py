@@ -20,7 +20,7 @@ from ..geometry.patches_cuda import DevicePatchSource
 from ..geometry.patches_local import LocalPatchSource
 from .diagnostics import FARTHEST
 from .results import TileResult
-from .runner import Inference, ShouldStop, Stopped
+from .runner import Inference, ShouldStop, StoppedError
 from .survey import Survey
 
 
@@ -83,7 +83,7 @@ def denoise_rows(
     Raises
     ------
     DeviceError
-    Stopped
+    StoppedError
     """
     of = work.survey.distinct.of[rows]
     own = np.unique(of[of >= 0])
@@ -101,7 +101,7 @@ def denoise_rows(
         moved[by_network], normals[by_network], flagged[by_network] = tile.points, tile.normals, tile.flagged
     if len(by_fit):
         if should_stop is not None and should_stop():
-            raise Stopped
+            raise StoppedError
         chosen = own[by_fit]
         move, normal = flat_fits(work.tree.data, chosen, work.survey.scale.noise[chosen], tree=work.tree)
         moved[by_fit] += move * unit

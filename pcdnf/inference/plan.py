@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..geometry.local_scale import LocalScale
-from ..geometry.noise import Scale, estimate_scale
+from ..geometry.noise import NoiseEstimate, estimate_noise
 from ..geometry.recipe import Recipe
 from .options import check_iterations, check_radius
-from .unit_frame import Frame
+from .unit_frame import UnitFrame
 
 CLEAN, HEAVY = 0.1, 6.0
 """Noise in spacings below which one iteration is enough, and above which a third one gains."""
@@ -37,7 +37,7 @@ class Plan:
 
     Attributes
     ----------
-    scale : Scale
+    scale : NoiseEstimate
         Estimated noise and spacing, in the cloud's unit.
     radii : tuple of float
         Patch radius of each iteration, in the cloud's unit.
@@ -47,7 +47,7 @@ class Plan:
         Whether the radius follows noise and spacing around each point; ``scale`` and ``radii`` are typical then.
     """
 
-    scale: Scale
+    scale: NoiseEstimate
     radii: tuple[float, ...]
     neighbours: int | None = None
     local: bool = False
@@ -66,8 +66,8 @@ class Plan:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Plan:
-        """The inverse of :meth:`to_json`."""
-        scale = Scale(values["noise"], values["spacing"])
+        """Invert :meth:`to_json`."""
+        scale = NoiseEstimate(values["noise"], values["spacing"])
         return cls(scale, tuple(values["radii"]), values.get("neighbours"), values.get("local", False))
 
     def metadata(self) -> dict[str, str]:
@@ -85,7 +85,7 @@ def make_plan(
     points: NDArray[np.float64],
     recipe: Recipe,
     *,
-    frame: Frame,
+    frame: UnitFrame,
     iterations: int | str = "auto",
     radius: float | str = "auto",
     neighbours: int | None = None,
@@ -99,7 +99,7 @@ def make_plan(
         World coordinates.
     recipe : Recipe
         Of the network's patches.
-    frame : Frame
+    frame : UnitFrame
         Of the points.
     iterations : int or "auto"
         "auto" takes one for a nearly clean cloud, two as a rule, three where the noise is many spacings deep.
@@ -119,7 +119,7 @@ def make_plan(
     if scale is not None and length is None:
         return _local_plan(scale, recipe, frame.diagonal, count, neighbours)
     local = frame.to_local(points)
-    typical = estimate_scale(local, cKDTree(local)).rounded()
+    typical = estimate_noise(local, cKDTree(local)).rounded()
     if count is None:
         ratio = typical.noise / max(typical.spacing, 1e-12)
         count = 1 if ratio < CLEAN else 2 if ratio < HEAVY else 3

@@ -21,10 +21,10 @@ from .device import room_for
 from .local_pass import LocalPass
 from .options import InitialNormals
 from .plan import CLEAN, Plan, local_radius, needs_pass
-from .runner import FEWEST_NEIGHBOURS, ShouldStop, Stopped
+from .runner import FEWEST_NEIGHBOURS, ShouldStop, StoppedError
 from .survey import Survey
 from .tiles import Cloud
-from .unit_frame import Frame
+from .unit_frame import UnitFrame
 
 NORMALS = 2.5
 """Radius of the balls that initial normals are taken from, in noises around the point, where it is not smaller."""
@@ -37,7 +37,7 @@ def prepare_cloud(
     *,
     plan: Plan,
     iteration: int,
-    frame: Frame,
+    frame: UnitFrame,
     initial: InitialNormals,
     seed: int,
     device: str,
@@ -53,13 +53,13 @@ def prepare_cloud(
     ------
     DeviceError
         ``out_of_memory``.
-    Stopped
+    StoppedError
     """
     count = recipe.points if plan.neighbours is None else min(plan.neighbours, recipe.points)
 
     def check() -> None:
         if should_stop is not None and should_stop():
-            raise Stopped
+            raise StoppedError
 
     if survey is not None:
         recipe = replace(recipe, points=count)
@@ -86,7 +86,7 @@ def _prepare_local(
     recipe: Recipe,
     survey: Survey,
     iteration: int,
-    frame: Frame,
+    frame: UnitFrame,
     initial: InitialNormals,
     seed: int,
     device: str,

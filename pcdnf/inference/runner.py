@@ -43,8 +43,12 @@ LONGEST_STEP = 1.0
 ShouldStop = Callable[[], bool]
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """The caller's ``should_stop`` said so."""
+
+
+Stopped = StoppedError
+"""The older name."""
 
 
 def batch_for(kind: str, device: str) -> int:
@@ -152,13 +156,13 @@ class Inference:
         ------
         DeviceError
             ``out_of_memory``, when the smallest batch does not fit either.
-        Stopped
+        StoppedError
         """
         parts: list[list[Tensor]] = []
         done = 0
         while done < len(centres):
             if should_stop is not None and should_stop():
-                raise Stopped
+                raise StoppedError
             batch = self.batch  # another thread may prepare a cloud meanwhile
             chosen = centres[done : done + batch]
             filled = np.concatenate([chosen, np.full(batch - len(chosen), chosen[0])])

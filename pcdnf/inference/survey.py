@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from ..geometry.distinct import Distinct, distinct_points
 from ..geometry.local_scale import LocalScale, estimate_local_scale
 from ..geometry.morton import spatial_order
-from .unit_frame import Frame
+from .unit_frame import UnitFrame
 
 
 @dataclass(frozen=True)
@@ -31,20 +31,20 @@ class Survey:
     distinct: Distinct
     scale: LocalScale
 
-    def noise(self, frame: Frame) -> NDArray[np.float64]:
+    def noise(self, frame: UnitFrame) -> NDArray[np.float64]:
         """Estimated noise (N,) of each row, in the cloud's unit; 0 for a row without a measurement."""
         noise = np.append(self.scale.noise, 0.0) * frame.diagonal
         return np.asarray(noise[self.distinct.of])
 
 
-def survey_cloud(points: NDArray[np.float64], frame: Frame) -> Survey:
+def survey_cloud(points: NDArray[np.float64], frame: UnitFrame) -> Survey:
     """Survey a cloud.
 
     Parameters
     ----------
     points : ndarray, (N, 3) float64
         As they came, in the cloud's unit.
-    frame : Frame
+    frame : UnitFrame
         Of the points.
     """
     distinct = distinct_points(points)

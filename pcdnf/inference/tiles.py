@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +13,8 @@ from ..geometry.patches_cuda import DevicePatchSource
 from ..geometry.patches_local import LocalPatchSource
 from .local_pass import LocalPass
 from .plan import Plan
-from .unit_frame import Frame
+from .results import TileResult
+from .unit_frame import UnitFrame
 
 TILE = 16384
 """Points a tile."""
@@ -30,7 +34,7 @@ class Cloud:
         As given.
     normals : ndarray, (N, 3) float32
         Raw normals.
-    frame : Frame
+    frame : UnitFrame
     source : PatchSource or DevicePatchSource
     order : ndarray, (N,) int64
         Indices along a space-filling curve; a tile is a range of it.
@@ -42,7 +46,7 @@ class Cloud:
         self,
         points: NDArray[np.float64],
         normals: NDArray[np.float32],
-        frame: Frame,
+        frame: UnitFrame,
         source: PatchSource | LocalPatchSource | DevicePatchSource,
         order: NDArray[np.int64],
         local: LocalPass | None = None,
@@ -60,3 +64,38 @@ class Cloud:
     def tiles(self, size: int = TILE) -> list[tuple[int, int]]:
         """Ranges (start, stop) of ``order`` that cover the cloud."""
         return tiles(len(self), size)
+
+
+class TileDenoiser(Protocol):
+    """Denoises a tile, as :meth:`pcdnf.denoiser.Denoiser.denoise_tile` does."""
+
+    def __call__(self, cloud: Cloud, start: int, stop: int, *, progress: Callable[[int], None]) -> TileResult:
+        """Denoise the points ``cloud.order[start:stop]``."""
+
+
+def denoise_tiles(cloud: Cloud, denoise_tile: TileDenoiser, *, progress: Callable[[int], None]) -> TileResult:
+    """Denoise a prepared cloud, tile after tile.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Of N points.
+    denoise_tile : callable
+    progress : callable
+        Called with the points of the cloud that are done.
+
+    Returns
+    -------
+    TileResult
+        Of all points, in the order of the cloud.
+    """
+    count = len(cloud)
+    points, normals, flagged = np.empty((count, 3)), np.empty((count, 3), np.float32), np.zeros(count, bool)
+    for start, stop in cloud.tiles():
+
+        def step(done: int, before: int = start) -> None:
+            progress(before + done)
+
+        tile, rows = denoise_tile(cloud, start, stop, progress=step), cloud.order[start:stop]
+        points[rows], normals[rows], flagged[rows] = tile.points, tile.normals, tile.flagged
+    return TileResult(points, normals, flagged)

@@ -73,7 +73,7 @@ def _rows_of_three(values: ArrayLike, what: str) -> NDArray[Any]:
 
 
 @dataclass(frozen=True)
-class Frame:
+class UnitFrame:
     """Centre (3,) float64 and diagonal of a cloud: local = (world - centre) / diagonal.
 
     The box leaves out half a per cent of the points at either end of each axis: the patch radius is a share of
@@ -84,8 +84,8 @@ class Frame:
     diagonal: float
 
     @classmethod
-    def of(cls, points: NDArray[np.floating]) -> Frame:
-        """Frame of points (N, 3).
+    def of(cls, points: NDArray[np.floating]) -> UnitFrame:
+        """UnitFrame of points (N, 3).
 
         Raises
         ------
@@ -128,6 +128,6 @@ class Frame:
         return {"centre": self.centre.tolist(), "diagonal": self.diagonal}
 
     @classmethod
-    def from_json(cls, values: dict[str, float | list[float]]) -> Frame:
+    def from_json(cls, values: dict[str, float | list[float]]) -> UnitFrame:
         """Invert :meth:`to_json`."""
         return cls(np.asarray(values["centre"], np.float64), float(np.asarray(values["diagonal"])))

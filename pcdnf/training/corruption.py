@@ -13,7 +13,7 @@ FEWEST_KEPT = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mix:
+class Corruption:
     """Shares of the clouds; the defaults are those the shipped weights were trained on.
 
     Attributes

@@ -15,13 +15,13 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..geometry.noise import Scale, clean_spacing, normals_reach
+from ..geometry.noise import NoiseEstimate, clean_spacing, normals_reach
 from ..geometry.normals import ball_normals, pca_normals
 from ..geometry.patches import PatchSource
 from ..geometry.recipe import Recipe
 from ..scanners.catalog import simulate
 from ..scanners.crops import Cropper
-from .corruption import Mix
+from .corruption import Corruption
 from .losses import Batch, Surface
 from .shapes import random_shape
 
@@ -39,7 +39,7 @@ SCAN_RADIUS = 9.8
 SCAN_FEWEST = (40, 250)
 """Points that a flat patch of a crop holds at least, drawn anew for each."""
 
-MIX = Mix()
+CORRUPTION = Corruption()
 FirstPass = Callable[
     [NDArray[np.float64], NDArray[np.float32], Recipe, NDArray[np.int64], int],
     tuple[NDArray[np.float64], NDArray[np.float32]],
@@ -59,7 +59,7 @@ class Sample:
         Rows that may be centres of patches.
     true : ndarray, (N,) bool
         Rows whose clean point is known.
-    scale : Scale
+    scale : NoiseEstimate
         True noise and spacing.
     radius : float, optional
         Of its patches, before their random factor; by the recipe and the scale where there is none.
@@ -70,18 +70,18 @@ class Sample:
     normals: NDArray[np.float64]
     centres: NDArray[np.int64]
     true: NDArray[np.bool_]
-    scale: Scale
+    scale: NoiseEstimate
     radius: float | None = None
 
 
-def shape_sample(rng: Generator, mix: Mix = MIX) -> Sample:
-    """Make a random shape with noise of the mix."""
-    shape = random_shape(rng, mix.count(rng), thin=mix.thin)
-    keep = mix.kept(rng, shape.points)
+def shape_sample(rng: Generator, corruption: Corruption = CORRUPTION) -> Sample:
+    """Make a random shape with noise of the corruption."""
+    shape = random_shape(rng, corruption.count(rng), thin=corruption.thin)
+    keep = corruption.kept(rng, shape.points)
     clean = shape.points[keep]
-    noise, level = mix.noise(rng, clean)
+    noise, level = corruption.noise(rng, clean)
     everything = np.arange(len(clean))
-    scale = Scale(level, clean_spacing(cKDTree(clean)))
+    scale = NoiseEstimate(level, clean_spacing(cKDTree(clean)))
     return Sample(clean + noise, clean, shape.normals[keep], everything, np.ones(len(clean), bool), scale)
 
 
@@ -90,7 +90,9 @@ def scan_samples(rng: Generator, kind: str, seed: int, count: int) -> list[Sampl
     cropper = Cropper(simulate(kind, seed, SCAN_POINTS), SCAN_RADIUS)
     crops = [cropper.crop(rng, int(np.exp(rng.uniform(*np.log(SCAN_FEWEST))))) for _ in range(count)]
     return [
-        Sample(crop.points, crop.clean, crop.normals, crop.centres, crop.true, Scale(crop.noise, crop.spacing), 1.0)
+        Sample(
+            crop.points, crop.clean, crop.normals, crop.centres, crop.true, NoiseEstimate(crop.noise, crop.spacing), 1.0
+        )
         for crop in crops
         if crop is not None
     ]

@@ -37,7 +37,7 @@ SCAN_SEEDS = 900_000
 
 
 @dataclass(frozen=True)
-class Forerunner:
+class Teacher:
     """The denoiser whose first pass prepares a share of the clouds.
 
     Attributes
@@ -73,7 +73,7 @@ class TrainingBatches(IterableDataset[Batch]):
         Clouds held at once, over all processes.
     fresh_every : int
         Batches after which a process replaces one of its clouds.
-    forerunner : Forerunner, optional
+    teacher : Teacher, optional
     scans : float
         Share of the clouds that are crops of simulated scans; the others are shapes.
     """
@@ -86,11 +86,11 @@ class TrainingBatches(IterableDataset[Batch]):
         batch: int,
         pool: int,
         fresh_every: int,
-        forerunner: Forerunner | None,
+        teacher: Teacher | None,
         scans: float = 0.0,
     ) -> None:
         self._recipe, self._seed, self._batch = recipe, seed, batch
-        self._pool, self._fresh_every, self._forerunner = pool, fresh_every, forerunner
+        self._pool, self._fresh_every, self._teacher = pool, fresh_every, teacher
         self._scans = scans
         self._crops: list[Sample] = []
 
@@ -114,7 +114,7 @@ class TrainingBatches(IterableDataset[Batch]):
             yield sample_batch(clouds, rng, self._batch, CLOUDS_A_BATCH, EDGES)
 
     def _cloud(self, rng: np.random.Generator) -> TrainingCloud:
-        ahead = self._forerunner
+        ahead = self._teacher
         use = None
         if ahead is not None and ahead.ready.item() and rng.random() < ahead.share:
             use = first_pass(Denoiser(ahead.network, ahead.recipe))

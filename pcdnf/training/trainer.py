@@ -28,7 +28,7 @@ from ..models.catalog import ModelInfo
 from ..models.checkpoint import load_checkpoint, save_checkpoint
 from ..models.cpu.allocator import keep_freed_memory
 from .defaults import DEFAULTS, Defaults
-from .loader import Forerunner, TrainingBatches, stream
+from .loader import Teacher, TrainingBatches, stream
 from .losses import Batch, joint_loss
 from .options import Options
 from .run_folder import TrainingRun
@@ -36,8 +36,8 @@ from .validation import VALIDATION_SEED, scan_batches, validate, validation_batc
 
 WARM_UP = 0.03
 """Share of the budget in which the learning rate rises."""
-FORERUN = 0.1
-"""Share of the budget after which the network in training is worth being its own forerunner."""
+TEACHER_READY = 0.1
+"""Share of the budget after which the network in training is worth being its own teacher."""
 LICENCE = "MIT"
 SCANS = 18
 """Held-out scans, two of each kind."""
@@ -77,9 +77,9 @@ class Trainer:
         self.learning_rate = options.learning_rate or self.defaults.learning_rate
         self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=self.learning_rate, weight_decay=1e-4)
         self.run_folder = TrainingRun(options.folder, self.network, self.average, self.optimizer)
-        self._forerunner = self._first_pass()
+        self._teacher = self._make_teacher()
 
-    def _first_pass(self) -> Forerunner | None:
+    def _make_teacher(self) -> Teacher | None:
         name, ready = self.options.first_pass, torch.zeros(1).share_memory_()  # type: ignore[no-untyped-call]
         if name is None:
             return None
@@ -93,7 +93,7 @@ class Trainer:
             network, recipe = build_network(info.kind, info.config), Recipe(**info.recipe)
             network.load_state_dict(state)
             ready.fill_(1)
-        return Forerunner(network.eval().share_memory(), recipe, ready, self.options.first_pass_share)
+        return Teacher(network.eval().share_memory(), recipe, ready, self.options.first_pass_share)
 
     def run(self) -> None:
         """Train until the budget is spent; safe to kill and to start again."""
@@ -139,7 +139,7 @@ class Trainer:
             batch=self.batch,
             pool=self.options.pool,
             fresh_every=max(1, self.defaults.fresh_every * self.defaults.batch // self.batch),
-            forerunner=self._forerunner,
+            teacher=self._teacher,
             scans=self.options.scans,
         )
 
@@ -200,11 +200,11 @@ class Trainer:
             run.best = value
             self._save_model(run.model_file, scores)
         run.save()
-        ahead = self._forerunner
+        ahead = self._teacher
         if (
             ahead is not None
             and self.options.first_pass == "self"
-            and run.elapsed > FORERUN * self.options.minutes * 60
+            and run.elapsed > TEACHER_READY * self.options.minutes * 60
         ):
             ahead.network.load_state_dict(self.average.state_dict())
             ahead.ready.fill_(1)

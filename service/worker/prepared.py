@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pcdnf.denoiser import Cloud, Denoiser, Plan, iteration_seed
 from pcdnf.errors import PcdnfError
 from pcdnf.formats.scanner_positions import known_sides
-from pcdnf.inference.unit_frame import Frame
+from pcdnf.inference.unit_frame import UnitFrame
 
 from ..jobs.job import Job
 from .artifacts import load_arrays, read_upload
@@ -50,7 +50,7 @@ def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
     ------
     PcdnfError
         If the file, the cloud or the model is not usable, or the weights are not those the job began with.
-    pcdnf.denoiser.Stopped
+    pcdnf.denoiser.StoppedError
         If the job was cancelled meanwhile.
     """
     progress = Progress(runtime, job, 0)
@@ -84,7 +84,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
             normals,
             plan=planned(job),
             iteration=iteration,
-            frame=Frame.of(given.points),
+            frame=UnitFrame.of(given.points),
             initial="input" if iteration else job.parameters["normals"],
             seed=iteration_seed(job.parameters["seed"], iteration),
             should_stop=progress.stop,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from pcdnf.denoiser import Stopped
+from pcdnf.denoiser import StoppedError
 
 from ..jobs.job import Job
 from .context import Runtime
@@ -56,6 +56,6 @@ class Progress:
         return not record.report(self._job.work, done=self._base + self._done, points_per_second=speed)
 
     def check(self) -> None:
-        """Raise :class:`pcdnf.denoiser.Stopped` where :meth:`stop` says so."""
+        """Raise :class:`pcdnf.denoiser.StoppedError` where :meth:`stop` says so."""
         if self.stop():
-            raise Stopped
+            raise StoppedError

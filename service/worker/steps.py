@@ -17,7 +17,7 @@ import numpy as np
 from dbos import DBOS
 from numpy.typing import NDArray
 
-from pcdnf.denoiser import Stopped
+from pcdnf.denoiser import StoppedError
 from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
@@ -102,7 +102,7 @@ def _as_step(name: str, function: Callable[..., Outcome]) -> Callable[..., Outco
         try:
             # The workflow that this step belongs to is the job's, or that of a shard.
             return retry_while_disk_full(runtime(), str(DBOS.workflow_id), lambda: function(runtime(), job, *arguments))
-        except Stopped:
+        except StoppedError:
             return {"stopped": True}
         except PcdnfError as error:
             return {"problem": problem_of(error.code, str(error), error.hint)}

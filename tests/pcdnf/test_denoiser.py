@@ -5,7 +5,7 @@ import torch
 from pcdnf import Denoiser, Stopped
 from pcdnf.denoiser import Plan, iteration_seed
 from pcdnf.inference.options import ChoiceError
-from pcdnf.inference.unit_frame import CloudError, Frame
+from pcdnf.inference.unit_frame import CloudError, UnitFrame
 
 MODELS = ["pcdnf-lite", "pcdnf"]
 
@@ -82,7 +82,7 @@ def test_results_do_not_depend_on_tiles_or_batches(denoiser: Denoiser) -> None:
 def test_denoise_is_prepare_and_tiles(lite: Denoiser) -> None:
     noisy, _, _ = box(2500, 0.01)
     result = lite.denoise(noisy, iterations=2, seed=5)
-    points, normals, frame = noisy, None, Frame.of(noisy)
+    points, normals, frame = noisy, None, UnitFrame.of(noisy)
     plan = lite.plan(noisy, iterations=2)
     for iteration in range(2):
         cloud = lite.prepare(

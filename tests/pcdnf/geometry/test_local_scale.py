@@ -4,7 +4,7 @@ from scipy.spatial import cKDTree
 
 from pcdnf.geometry.local_scale import LocalScale, estimate_local_scale
 from pcdnf.geometry.morton import spatial_order
-from pcdnf.geometry.noise import estimate_scale
+from pcdnf.geometry.noise import estimate_noise
 
 
 def estimate(points: np.ndarray) -> LocalScale:
@@ -45,7 +45,7 @@ def test_noise_that_is_alike_over_some_spacings_is_not_taken_for_shape() -> None
     scale = estimate(points)
     found = np.median(scale.noise[inner(points)]) / 0.014
     assert 0.55 < found < 1.2
-    assert found > 1.5 * estimate_scale(points, cKDTree(points)).noise / 0.014
+    assert found > 1.5 * estimate_noise(points, cKDTree(points)).noise / 0.014
 
 
 def test_edges_are_not_taken_for_noise() -> None:

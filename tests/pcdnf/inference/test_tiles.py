@@ -5,21 +5,21 @@ import pytest
 
 from pcdnf.geometry.morton import spatial_order
 from pcdnf.inference.tiles import tiles
-from pcdnf.inference.unit_frame import CloudError, Frame, checked_points
+from pcdnf.inference.unit_frame import CloudError, UnitFrame, checked_points
 
 POINTS = np.random.default_rng(0).normal(size=(500, 3))
 
 
 def test_local_coordinates_have_diagonal_one_at_any_place_and_scale() -> None:
     utm = POINTS * 30 + [448_000.12, 4_480_000.37, 12.5]
-    local = Frame.of(utm).to_local(utm)
+    local = UnitFrame.of(utm).to_local(utm)
     assert np.isclose(np.linalg.norm(np.diff(np.quantile(local, (0.005, 0.995), axis=0), axis=0)), 1)
-    assert np.abs(local - Frame.of(POINTS).to_local(POINTS)).max() < 1e-9
+    assert np.abs(local - UnitFrame.of(POINTS).to_local(POINTS)).max() < 1e-9
 
 
 def test_a_frame_survives_json() -> None:
-    frame = Frame.of(POINTS * 1e7 + 0.1)
-    again = Frame.from_json(json.loads(json.dumps(frame.to_json())))
+    frame = UnitFrame.of(POINTS * 1e7 + 0.1)
+    again = UnitFrame.from_json(json.loads(json.dumps(frame.to_json())))
     assert np.array_equal(again.centre, frame.centre)
     assert again.diagonal == frame.diagonal
 
@@ -36,7 +36,7 @@ def test_a_frame_survives_json() -> None:
 )
 def test_bad_extents_have_their_own_code_and_advice(points: np.ndarray, code: str) -> None:
     with pytest.raises(CloudError) as caught:
-        Frame.of(points)
+        UnitFrame.of(points)
     assert caught.value.code == code
     assert caught.value.hint
 
@@ -60,13 +60,13 @@ def test_noise_and_outliers_hardly_change_the_diagonal() -> None:
     cube[np.arange(20_000), rng.integers(3, size=20_000)] = rng.choice([-0.5, 0.5], 20_000)
     noisy = cube + rng.normal(size=cube.shape) * 0.02
     noisy[7] = [1e6, 0, 0]
-    assert abs(Frame.of(noisy).diagonal / Frame.of(cube).diagonal - 1) < 0.08
+    assert abs(UnitFrame.of(noisy).diagonal / UnitFrame.of(cube).diagonal - 1) < 0.08
 
 
 def test_a_few_points_beside_many_equal_ones_still_have_a_frame() -> None:
     points = np.zeros((1000, 3))
     points[:3] = np.eye(3)
-    assert np.isclose(Frame.of(points).diagonal, np.sqrt(3), rtol=0.02)  # without the tails of its box
+    assert np.isclose(UnitFrame.of(points).diagonal, np.sqrt(3), rtol=0.02)  # without the tails of its box
 
 
 def test_arrays_that_are_no_points() -> None:

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy.stats import kurtosis
 
-from pcdnf.training.corruption import Mix
+from pcdnf.training.corruption import Corruption
 
 CLEAN = np.random.default_rng(0).uniform(-0.5, 0.5, (20_000, 3))
-PLAIN = Mix(**{field.name: 0.0 for field in fields(Mix) if field.name not in ("points", "thin")})
+PLAIN = Corruption(**{field.name: 0.0 for field in fields(Corruption) if field.name not in ("points", "thin")})
 
 
 def test_the_usual_mix_has_many_kinds() -> None:
     levels, tails, sizes = [], [], []
     for seed in range(60):
-        noise, level = Mix().noise(np.random.default_rng(seed), CLEAN)
+        noise, level = Corruption().noise(np.random.default_rng(seed), CLEAN)
         levels.append(level)
         tails.append(float(np.abs(noise).max() / level))
-        sizes.append(len(Mix().kept(np.random.default_rng(seed), CLEAN)))
+        sizes.append(len(Corruption().kept(np.random.default_rng(seed), CLEAN)))
     assert 0 <= min(levels) < 0.002
     assert 0.02 < max(levels) <= 0.03
     assert min(tails) < 3 < 10 < max(tails)  # uniform noise, and outliers
@@ -25,8 +25,8 @@ def test_the_usual_mix_has_many_kinds() -> None:
 
 @pytest.mark.parametrize(("kind", "tail"), [("gaussian", 0.0), ("laplace", 3.0), ("uniform", -1.2)])
 def test_each_noise_has_its_tail(kind: str, tail: float) -> None:
-    mix = PLAIN if kind == "gaussian" else replace(PLAIN, **{kind: 1.0})
-    noise, level = mix.noise(np.random.default_rng(1), CLEAN)
+    corruption = PLAIN if kind == "gaussian" else replace(PLAIN, **{kind: 1.0})
+    noise, level = corruption.noise(np.random.default_rng(1), CLEAN)
     assert noise.std() == pytest.approx(level, rel=0.02)
     assert kurtosis(noise.ravel()) == pytest.approx(tail, abs=0.3)
 
@@ -46,4 +46,4 @@ def test_what_is_missing_and_how_many_there_are() -> None:
         assert 2000 < len(replace(PLAIN, **{name: 1.0}).kept(rng, CLEAN)) < len(CLEAN)
     counts = [replace(PLAIN, points=(1000, 3000)).count(rng) for _ in range(50)]
     assert 1000 <= min(counts) < 1300 < 2500 < max(counts) <= 3000
-    assert 6000 <= min(Mix().count(rng) for _ in range(200)) < 50_000
+    assert 6000 <= min(Corruption().count(rng) for _ in range(200)) < 50_000

@@ -14,7 +14,7 @@ from pcdnf.training.trainer import Trainer
 
 def batches(seed: int = 3) -> TrainingBatches:
     recipe = DEFAULTS["lite"].recipe
-    return TrainingBatches(recipe, seed=seed, batch=16, pool=2, fresh_every=100, forerunner=None)
+    return TrainingBatches(recipe, seed=seed, batch=16, pool=2, fresh_every=100, teacher=None)
 
 
 @pytest.mark.timeout(120)
@@ -28,9 +28,9 @@ def test_a_process_makes_the_same_batches() -> None:
     assert not torch.equal(here.points, other.points)
 
 
-def test_the_network_in_training_becomes_its_own_forerunner(tmp_path: Path) -> None:
+def test_the_network_in_training_becomes_its_own_teacher(tmp_path: Path) -> None:
     trainer = Trainer(Options(kind="lite", folder=tmp_path, minutes=1, first_pass="self", workers=0))
-    ahead = trainer._forerunner
+    ahead = trainer._teacher
     assert ahead is not None
     assert not ahead.ready.item()
     with torch.no_grad():
@@ -46,7 +46,7 @@ def test_the_network_in_training_becomes_its_own_forerunner(tmp_path: Path) -> N
     assert all(parameter.is_shared() for parameter in ahead.network.parameters())
 
 
-def test_a_shipped_model_is_a_forerunner_at_once(tmp_path: Path) -> None:
+def test_a_shipped_model_is_a_teacher_at_once(tmp_path: Path) -> None:
     trainer = Trainer(Options(kind="lite", folder=tmp_path, minutes=1, first_pass="pcdnf-lite", workers=0))
-    assert trainer._forerunner is not None
-    assert trainer._forerunner.ready.item() == 1
+    assert trainer._teacher is not None
+    assert trainer._teacher.ready.item() == 1

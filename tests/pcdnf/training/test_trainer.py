@@ -196,10 +196,10 @@ def test_a_training_starts_from_a_model(tmp_path: Path, batch: Batch) -> None:
         kind="lite", folder=tmp_path / "run", minutes=1, start="pcdnf-lite", first_pass="self", learning_rate=1e-4
     )
     trainer, (info, state) = Trainer(options), load_checkpoint("pcdnf-lite")
-    for network in (trainer.network, trainer.average, trainer._forerunner.network):  # type: ignore[union-attr]
+    for network in (trainer.network, trainer.average, trainer._teacher.network):  # type: ignore[union-attr]
         assert all(torch.equal(value, state[key]) for key, value in network.state_dict().items())
-    assert trainer._forerunner is not None
-    assert trainer._forerunner.ready.item() == 1
+    assert trainer._teacher is not None
+    assert trainer._teacher.ready.item() == 1
     trainer._step(batch, 0.03)
     assert trainer.optimizer.param_groups[0]["lr"] == pytest.approx(1e-4, rel=0.05)
     trainer._save_model(trainer.run_folder.model_file, {})
