@@ -47,12 +47,12 @@ def denoised(denoiser: Denoiser, noisy: Floats, rows: NDArray[np.int64]) -> tupl
     for iteration, wanted in enumerate(needed):
         cloud = denoiser.prepare(
             current, raw, plan=plan, iteration=iteration, frame=frame, initial="input" if iteration else "auto",
-            seed=iteration,
+            seed=iteration, came=noisy, oriented=False,
         )  # fmt: skip
         place = np.empty(len(noisy), np.int64)
         place[cloud.order] = np.arange(len(noisy))
         chosen = cloud.order[np.sort(place[wanted])]
-        tile = denoiser.inference.denoise(cloud.points, cloud.normals, cloud.source, chosen, unit=frame.diagonal)
+        tile = denoiser.denoise_rows(cloud, chosen)
         current = current.copy()
         normals = cloud.normals.copy()
         current[chosen], normals[chosen] = tile.points, tile.normals

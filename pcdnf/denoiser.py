@@ -22,7 +22,7 @@ from ._version import __version__
 from .geometry.recipe import Recipe
 from .inference.device import choose_device, choose_precision
 from .inference.diagnostics import diagnose
-from .inference.local_pass import denoise_rows
+from .inference.local_pass import denoise_rows as denoise_local_rows
 from .inference.options import InitialNormals, check_fast, check_initial, check_radius
 from .inference.plan import Plan, iteration_seed, make_plan
 from .inference.prepare import prepare_cloud
@@ -243,9 +243,20 @@ class Denoiser:
         progress: Callable[[int], None] | None = None,
         should_stop: ShouldStop | None = None,
     ) -> TileResult:
-        """Denoise the points ``cloud.order[start:stop]``.
+        """Denoise the points ``cloud.order[start:stop]``; see :meth:`denoise_rows`."""
+        return self.denoise_rows(cloud, cloud.order[start:stop], progress=progress, should_stop=should_stop)
 
-        ``progress`` is called with the points of the tile done so far, ``should_stop`` between batches.
+    def denoise_rows(
+        self,
+        cloud: Cloud,
+        rows: NDArray[np.int64],
+        *,
+        progress: Callable[[int], None] | None = None,
+        should_stop: ShouldStop | None = None,
+    ) -> TileResult:
+        """Denoise some points of a prepared cloud.
+
+        ``progress`` is called with how many are done so far, ``should_stop`` between batches.
 
         Raises
         ------
@@ -254,11 +265,11 @@ class Denoiser:
         StoppedError
         """
         if cloud.local is not None:
-            return denoise_rows(
+            return denoise_local_rows(
                 self.inference,
                 cloud.local,
                 cloud.source,
-                cloud.order[start:stop],
+                rows,
                 given=(cloud.points, cloud.normals),
                 unit=cloud.frame.diagonal,
                 progress=progress,
@@ -268,7 +279,7 @@ class Denoiser:
             cloud.points,
             cloud.normals,
             cloud.source,
-            cloud.order[start:stop],
+            rows,
             unit=cloud.frame.diagonal,
             progress=progress,
             should_stop=should_stop,

@@ -19,7 +19,7 @@ from service.settings import Settings
 
 
 def test_processes_may_migrate_at_once(tmp_path: Path) -> None:
-    code = "from service.database.engine import migrate; from service.settings import Settings; migrate(Settings())"
+    code = "from service.database.migrations import migrate; from service.settings import Settings; migrate(Settings())"
     environment = {"PCDNF_DATA_DIR": str(tmp_path)}
     processes = [subprocess.Popen([sys.executable, "-c", code], env=environment) for _ in range(3)]
     assert [process.wait(60) for process in processes] == [0, 0, 0]

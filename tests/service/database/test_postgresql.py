@@ -58,7 +58,7 @@ def test_upgrade_outcomes_switches_and_metrics(database_url: str, tmp_path: Path
         board.jobs.cancel(queued)
         board.workers.beat("a", pid=1, state="ready", details={}, metrics=WorkerMetrics().text("cpu"))
         drain(settings, on=True, wait=False)
-        with pytest.raises(Problem, match="no new jobs"):
+        with pytest.raises(Problem, match="takes no new ones"):
             board.submit()
         found = {
             (sample.name, *sorted(sample.labels.values())): sample.value
