@@ -147,7 +147,7 @@ def raw_normals(
         return estimated()
     normals = np.asarray(given, np.float64)
     length = np.linalg.norm(normals, axis=1)
-    usable = np.isfinite(length) & (length > 1e-12)
+    usable = np.isfinite(length) & (length > 0)
     unit: NDArray[np.floating] = np.where(usable[:, None], normals, 0) / np.where(usable, length, 1)[:, None]
     if replace:
         unit = unit_towards(estimated(), unit)

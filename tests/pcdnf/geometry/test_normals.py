@@ -40,6 +40,14 @@ def test_check_is_called_between_chunks_and_may_stop() -> None:
         pca_normals(np.random.default_rng(3).normal(size=(CHUNK + 5, 3)), check=check)
 
 
+def test_the_side_of_given_normals_counts_whatever_their_length() -> None:
+    points = np.random.default_rng(3).normal(size=(400, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    for length in (1e-30, 1e-3, 1e30):
+        found = raw_normals(points, length * points, tree=cKDTree(points), replace=True)
+        assert ((found * points).sum(1) > 0.5).all(), length
+
+
 def test_given_normals_are_used_and_missing_ones_filled_in() -> None:
     points = np.random.default_rng(4).normal(size=(300, 3)) * [1, 1, 0]
     given = np.tile([3.0, 0.0, 4.0], (300, 1))
