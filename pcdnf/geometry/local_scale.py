@@ -225,7 +225,8 @@ def _extents(places: NDArray[np.float64], samples: cKDTree) -> NDArray[np.float6
     if len(places) < 2:
         return np.full(len(places), 1e-300)
     usual = np.median(distance[:, 1:], axis=1)
-    near = distance[:, 1:] <= GAP * np.median(usual[index[:, 1:]], axis=1)[:, None]
+    around = np.median(usual[index[:, 1:]], axis=1)
+    near = distance[:, 1:] <= GAP * np.minimum(around[:, None], around[index[:, 1:]])  # by the measure of both ends
     row, column = np.nonzero(near)
     graph = coo_matrix((np.ones(len(row), np.int8), (row, index[row, column + 1])), (len(places),) * 2)
     count, label = connected_components(graph, directed=False)

@@ -97,6 +97,16 @@ def test_what_lies_elsewhere_changes_nothing() -> None:
     assert together.extent[20_000] == pytest.approx(4 * alone.extent[0], rel=0.1)
 
 
+def test_points_far_off_do_not_enlarge_the_object_that_they_surround() -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        points = np.c_[rng.uniform(-1, 1, (6000, 2)), 0.01 * rng.normal(size=6000)]
+        way = rng.normal(size=(90, 3))
+        far = way / np.linalg.norm(way, axis=1, keepdims=True) * 60 * rng.uniform(0.3, 1, (90, 1))
+        extent = estimate(np.r_[points, far]).extent[:6000]
+        assert np.median(extent) == pytest.approx(np.sqrt(8), rel=0.05), seed
+
+
 def test_small_clouds_have_a_scale() -> None:
     for count in (16, 40, 200):
         scale = estimate(sheet(count) + 0.01 * np.random.default_rng(8).normal(size=(count, 3)))
