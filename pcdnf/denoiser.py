@@ -358,8 +358,7 @@ class Denoiser:
             flagged = merged.flagged
             merged = denoise_tiles(cloud, partial(self.denoise_tile, should_stop=should_stop), progress=step)
             merged = replace(merged, flagged=flagged | merged.flagged)
-        noise = np.full(len(given), plan.scale.noise) if survey is None else survey.noise(frame)
-        found = diagnose(given, merged.points, noise)
+        found = diagnose(given, merged.points, cloud.noise(plan))
         metadata = self.metadata(seed=seed, plan=plan, initial=initial) | found.metadata()
         return DenoiseResult(merged.points, merged.normals, merged.flagged, metadata, found)
 
