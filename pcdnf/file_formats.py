@@ -60,8 +60,11 @@ TEXT_FORMATS = tuple(name for name, format_ in FORMATS.items() if not format_.ma
 SUFFIXES = {suffix: name for name, format_ in FORMATS.items() for suffix in format_.suffixes}
 """File extensions and their formats."""
 
-UNWRITTEN_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".splat", ".spz")
-"""Extensions of meshes and splats, as which no result is written; the faces of OBJ, OFF and STL go into a PLY."""
+ANY_COLUMNS = (".xyz", ".txt", ".asc")
+"""Extensions of text whose columns may stand in any layout, with commas or a count as well as with blanks."""
+
+UNWRITTEN_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".splat", ".spz", ".gz", ".zip")
+"""Extensions of meshes, splats and packed files, as which no result is written; a PLY holds the faces of a mesh."""
 
 
 def available() -> list[str]:

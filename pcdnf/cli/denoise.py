@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import PcdnfError
-from ..file_formats import SUFFIXES, TEXT_FORMATS, UNWRITTEN_SUFFIXES, titles
+from ..file_formats import TEXT_FORMATS, titles
 from ..inference.options import check_iterations, check_radius
 from .common import check_writable
 
@@ -124,16 +124,12 @@ def _classes(text: str) -> tuple[int, ...]:
 def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
     from ..formats.attributes import with_columns, without_classes
+    from ..formats.files import format_to_write
     from ..formats.scanner_positions import known_sides
 
     for path in filter(None, (options.output, options.picture)):
         check_writable(path)
-    if options.output.suffix.lower() in UNWRITTEN_SUFFIXES:
-        raise PcdnfError(
-            f"Results cannot be written as {options.output.suffix[1:].upper()}.",
-            code="unwritable_file",
-            hint="Name the result .ply: the faces of a mesh come back in it.",
-        )
+    format_to_write(options.output, "ply")
     check_iterations(options.iterations)
     check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
@@ -216,7 +212,7 @@ def _written(path: Path, cloud: PointCloud, options: argparse.Namespace) -> list
         return write(
             path,
             cloud,
-            format=None if as_it_came else SUFFIXES.get(ending),
+            format=cloud.flavour.format if as_it_came else None,
             coordinates=options.coordinates,
             check=True,
         )

@@ -40,6 +40,7 @@ CODES = {
     "unsupported_dtype": "an array is not of real floating-point numbers or integers",
     "unsupported_type": "a column has a type the format does not define",
     "unsupported_zip64": "an NPZ uses the zip extension for 4 GiB and more",
+    "unwritten_format": "files with this extension are only read",
     "written_wrong": "a result that was read back after writing is not what was written",
     "zero_extent": "all points are equal",
 }

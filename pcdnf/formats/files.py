@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..file_formats import FORMATS, SUFFIXES, TEXT_FORMATS
+from ..file_formats import ANY_COLUMNS, FORMATS, SUFFIXES, TEXT_FORMATS, UNWRITTEN_SUFFIXES
 from .attributes import renamed
 from .codec import Codec
 from .coordinates import Coordinates, with_coordinates, without_steps
@@ -116,7 +116,8 @@ def write(
     cloud : PointCloud
     format : str, optional
         A name of :data:`pcdnf.file_formats.FORMATS`.
-        By default as the cloud came, with the same encoding, types, names and order.
+        By default the one of the path's extension, or of the cloud if the extension is none or unknown. If it is the
+        format in which the cloud came, encoding, types, names and order stay.
     coordinates : {"keep", "float32", "float64"}
         The type of the coordinates; float32 far from the origin are moved by an offset, which is recorded. LAS, LAZ
         and E57 have types of their own.
@@ -131,11 +132,11 @@ def write(
     Raises
     ------
     FormatError
-        ``cannot_store``, ``missing_extra`` or ``written_wrong``.
+        ``cannot_store``, ``missing_extra``, ``unwritten_format`` or ``written_wrong``.
     OSError
         When the disk refuses.
     """
-    name = format or cloud.flavour.format
+    name = format or format_to_write(path, cloud.flavour.format)
     check_available(name)
     codec = COPC if name == "laz" and os.fspath(path).lower().endswith(COPC_ENDING) else CODECS[name]
     typed, moved = (cloud, []) if codec.name in _OWN_TYPES else with_coordinates(cloud, coordinates)
@@ -149,6 +150,26 @@ def write(
             file.flush()
             check_written(file, os.fstat(file.fileno()).st_size, stored, codec)
     return notes
+
+
+def format_to_write(path: str | os.PathLike[str], came_as: str) -> str:
+    """Return the format of a file that is to be written at `path`: by its extension, else `came_as`.
+
+    Raises
+    ------
+    FormatError
+        ``unwritten_format`` if files with this extension are only read.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in UNWRITTEN_SUFFIXES:
+        raise FormatError(
+            f"Files that end in {suffix} cannot be written.",
+            code="unwritten_format",
+            hint="Name the result .ply: it also holds the faces of a mesh.",
+        )
+    if suffix in ANY_COLUMNS and came_as in TEXT_FORMATS:
+        return came_as
+    return SUFFIXES.get(suffix, came_as)
 
 
 def _storable(cloud: PointCloud, codec: Codec) -> tuple[PointCloud, list[str]]:

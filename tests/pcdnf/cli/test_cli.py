@@ -139,7 +139,7 @@ def test_denoise_refuses_with_one_line(noisy: Path, tmp_path: Path, capsys: pyte
     assert "cannot be read" in refused(capsys, "denoise", tmp_path / "none.ply", "-o", output)
     assert "no normals" in refused(capsys, "denoise", noisy, "-o", output, "--normals", "input")
     assert "folder does not exist" in refused(capsys, "denoise", noisy, "-o", tmp_path / "no" / "out.ply")
-    assert "cannot be written as OBJ" in refused(capsys, "denoise", noisy, "-o", tmp_path / "out.obj")
+    assert "end in .obj cannot be written" in refused(capsys, "denoise", noisy, "-o", tmp_path / "out.obj")
     assert "is a folder" in refused(capsys, "denoise", noisy, "-o", tmp_path)
     assert "pcdnf: " in refused(capsys, "denoise", noisy, "-o", output, "--model", "no-such-model")
     assert "device" in refused(capsys, "denoise", noisy, "-o", output, "--device", "cuda:99")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pcdnf.errors import PcdnfError
-from pcdnf.file_formats import FORMATS
+from pcdnf.file_formats import FORMATS, SUFFIXES, UNWRITTEN_SUFFIXES
 from pcdnf.formats import CODES, FormatError, Limits, NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, sniff, write
 from pcdnf.formats.limits import bounds, finite_rows
 from pcdnf.formats.point_cloud import row_ranges
@@ -251,6 +251,35 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
         write(path, cloud)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", [suffix for format_ in FORMATS.values() for suffix in format_.suffixes])
+def test_the_extension_chooses_the_format(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"cloud{suffix.upper()}"
+    write(path, PointCloud(points=POINTS))
+    assert FORMATS[read(path).flavour.format] == FORMATS[SUFFIXES[suffix]]
+
+
+def test_text_of_any_columns_keeps_its_layout(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("x,y,z\n" + "".join(f"{x},{y},{z}\n" for x, y, z in POINTS))
+    write(tmp_path / "b.txt", read(tmp_path / "a.txt"))
+    write(tmp_path / "b.pts", read(tmp_path / "a.txt"))
+    assert "," in (tmp_path / "b.txt").read_text()
+    assert "," not in (tmp_path / "b.pts").read_text()
+
+
+@pytest.mark.parametrize("name", ["cloud", "cloud.dat", "cloud.v2"])
+def test_without_a_known_extension_the_format_is_that_of_the_cloud(name: str, tmp_path: Path) -> None:
+    write(tmp_path / name, PointCloud(points=POINTS, flavour=PcdFlavour()))
+    assert read(tmp_path / name).flavour.format == "pcd"
+
+
+@pytest.mark.parametrize("suffix", UNWRITTEN_SUFFIXES)
+def test_extensions_that_are_only_read_are_refused(suffix: str, tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=f"end in {suffix} cannot be written") as caught:
+        write(tmp_path / f"cloud.ply{suffix}", PointCloud(points=POINTS))
+    assert caught.value.code == "unwritten_format"
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_written_file_has_the_usual_permissions(tmp_path: Path) -> None:
