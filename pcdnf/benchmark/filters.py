@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib.metadata import version
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +22,12 @@ _AT_ONCE = 4096
 
 
 @dataclass(frozen=True)
-class Jet:
-    """``CGAL::jet_smooth_point_set`` with k neighbours."""
+class NeighbourFilter:
+    """A filter whose one parameter is a number of neighbours."""
 
     neighbours: int
     group: Group = "peer"
+    method: ClassVar[str]
 
     @property
     def name(self) -> str:
@@ -35,7 +37,18 @@ class Jet:
     @property
     def identity(self) -> dict[str, str]:
         """Return all that the output depends on besides the input."""
-        return {"method": "jet", "neighbours": str(self.neighbours), "cgal": version("cgal")}
+        return {"method": self.method, "neighbours": str(self.neighbours)}
+
+
+class Jet(NeighbourFilter):
+    """``CGAL::jet_smooth_point_set`` with k neighbours."""
+
+    method = "jet"
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Return all that the output depends on besides the input."""
+        return super().identity | {"cgal": version("cgal")}
 
     def run(self, points: Points, level: float) -> Output:  # noqa: ARG002
         """Project every point onto the jet fitted to its neighbours."""
@@ -44,22 +57,15 @@ class Jet:
         return cgal_output(cloud)
 
 
-@dataclass(frozen=True)
-class Bilateral:
+class Bilateral(NeighbourFilter):
     """``CGAL::bilateral_smooth_point_set`` with k neighbours, three times."""
 
-    neighbours: int
-    group: Group = "peer"
-
-    @property
-    def name(self) -> str:
-        """Return the parameter in words."""
-        return f"k = {self.neighbours}"
+    method = "bilateral"
 
     @property
     def identity(self) -> dict[str, str]:
         """Return all that the output depends on besides the input."""
-        return {"method": "bilateral", "neighbours": str(self.neighbours), "passes": "3", "cgal": version("cgal")}
+        return super().identity | {"passes": "3", "cgal": version("cgal")}
 
     def run(self, points: Points, level: float) -> Output:  # noqa: ARG002
         """Smooth points and normals together, from PCA normals."""
@@ -70,22 +76,10 @@ class Bilateral:
         return cgal_output(cloud)
 
 
-@dataclass(frozen=True)
-class Plane:
+class Plane(NeighbourFilter):
     """Projection onto the PCA plane of k neighbours."""
 
-    neighbours: int
-    group: Group = "peer"
-
-    @property
-    def name(self) -> str:
-        """Return the parameter in words."""
-        return f"k = {self.neighbours}"
-
-    @property
-    def identity(self) -> dict[str, str]:
-        """Return all that the output depends on besides the input."""
-        return {"method": "plane", "neighbours": str(self.neighbours)}
+    method = "plane"
 
     def run(self, points: Points, level: float) -> Output:  # noqa: ARG002
         """Move every point along the plane's normal onto it."""

@@ -16,7 +16,7 @@ from numpy.random import Generator
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from .poses import looking, registration_error
-from .scan import Scan, make_scan
+from .scan import Returns, Scan
 from .scene import Bools, Floats
 from .surface import Surface
 
@@ -99,24 +99,12 @@ def scan(
 
     ``shift`` (metres) and ``turn`` (radians) are the standard deviations of a pose along and about each axis.
     """
-    points, ideal, sigma, station = [], [], [], []
+    returns = Returns()
     for number, (at, target) in enumerate(zip(origins, targets, strict=True)):
         true, noisy, deviation = _frame(rng, surface, camera, at, looking(target, at))
         registered = noisy if number == 0 else registration_error(rng, at, shift, turn)(noisy)
-        points.append(registered)
-        ideal.append(true)
-        sigma.append(np.hypot(deviation, np.linalg.norm(registered - noisy, axis=1) / np.sqrt(3)))
-        station.append(np.full(len(noisy), number))
-    return make_scan(
-        name,
-        "m",
-        surface,
-        points=np.concatenate(points),
-        ideal=np.concatenate(ideal),
-        sigma=np.concatenate(sigma),
-        station=np.concatenate(station),
-        sensors=origins,
-    )
+        returns.add(registered, true, deviation, registered - noisy, number)
+    return returns.scan(name, surface, origins)
 
 
 def _frame(

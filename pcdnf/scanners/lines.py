@@ -15,7 +15,7 @@ from numpy.random import Generator
 
 from .beam import Beam, dullness, measure
 from .fields import SmoothField
-from .scan import Scan, make_scan
+from .scan import Returns, Scan
 from .scene import Floats, Ints
 from .surface import Surface
 
@@ -80,30 +80,19 @@ def scan(
         Standard deviation of the error that changes along a pass, metres.
     """
     dull = dullness(rng, len(surface.scene.part_names))
-    points, ideal, sigma, station, sensors, first = [], [], [], [], [], 0
+    returns, sensors, first = Returns(), [], 0
     for one in passes:
         origins, directions, line = _rays(rng, one)
         echoes = measure(rng, surface, beam, origins, directions, dull)
         at, ray = origins[echoes.ray], directions[echoes.ray]
         shared = rng.normal(0, 1, 3) * offset
         error = shared + drift * _wander(rng, np.linalg.norm(at - one.start, axis=1))
-        points.append(at + echoes.measured[:, None] * ray + error)
-        ideal.append(at + echoes.ideal[:, None] * ray)
-        sigma.append(np.hypot(echoes.sigma, np.linalg.norm(error, axis=1) / np.sqrt(3)))
-        station.append(line[echoes.ray] + first)
+        true, noisy = (at + length[:, None] * ray for length in (echoes.ideal, echoes.measured))
+        returns.add(noisy + error, true, echoes.sigma, error, line[echoes.ray] + first)
         lines = int(line.max()) + 1
         sensors.append(one.start + np.arange(lines)[:, None] / max(lines - 1, 1) * (one.end - one.start))
         first += lines
-    return make_scan(
-        name,
-        "m",
-        surface,
-        points=np.concatenate(points),
-        ideal=np.concatenate(ideal),
-        sigma=np.concatenate(sigma),
-        station=np.concatenate(station),
-        sensors=np.concatenate(sensors),
-    )
+    return returns.scan(name, surface, np.concatenate(sensors))
 
 
 def _rays(rng: Generator, one: Pass) -> tuple[Floats, Floats, Ints]:

@@ -109,6 +109,34 @@ def make_scan(
     return Scan(name, unit, points, truth.points, normals, sigma, mixed, part, station, sensors, scene)
 
 
+class Returns:
+    """What a scanner measured in metres, gathered station by station."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Floats, Floats, Floats, Ints]] = []
+
+    def add(self, points: Floats, ideal: Floats, deviation: Floats, error: Floats, station: Ints | int) -> None:
+        """Add the points of a station.
+
+        Parameters
+        ----------
+        points, ideal : ndarray, (N, 3) float64
+            With noise and all errors, and without any.
+        deviation : ndarray, (N,) float64
+            Standard deviation of the noise along the ray.
+        error : ndarray, (N, 3) float64
+            What the pose's error moved each point by.
+        station : ndarray, (N,) int64, or int
+        """
+        sigma = np.hypot(deviation, np.linalg.norm(error, axis=1) / np.sqrt(3))
+        self._parts.append((points, ideal, sigma, np.broadcast_to(station, len(points))))
+
+    def scan(self, name: str, surface: Surface, sensors: Floats) -> Scan:
+        """Return them as a scan, completed by what the surface tells; ``sensors`` is (S, 3) float64."""
+        points, ideal, sigma, station = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+        return make_scan(name, "m", surface, points=points, ideal=ideal, sigma=sigma, station=station, sensors=sensors)
+
+
 def save_scan(path: Path, scan: Scan) -> None:
     """Write a scan as .npz, with the arrays that :func:`load_scan` reads and more."""
     scene = scan.scene

@@ -14,7 +14,7 @@ from numpy.random import Generator
 
 from .beam import Beam, dullness, measure
 from .poses import registration_error
-from .scan import Scan, make_scan
+from .scan import Returns, Scan
 from .scene import Floats
 from .surface import Surface
 
@@ -54,7 +54,7 @@ def scan(
     ``shift`` (metres) and ``turn`` (radians) are the registration's standard deviations along and about each axis.
     """
     dull = dullness(rng, len(surface.scene.part_names))
-    points, ideal, sigma, station = [], [], [], []
+    returns = Returns()
     for number, (at, sector) in enumerate(zip(stations, sectors, strict=True)):
         directions = _grid(sector)
         origins = np.broadcast_to(at, directions.shape)
@@ -62,20 +62,8 @@ def scan(
         ray = directions[echoes.ray]
         true, noisy = at + echoes.ideal[:, None] * ray, at + echoes.measured[:, None] * ray
         registered = noisy if number == 0 else registration_error(rng, at, shift, turn)(noisy)
-        points.append(registered)
-        ideal.append(true)
-        sigma.append(np.hypot(echoes.sigma, np.linalg.norm(registered - noisy, axis=1) / np.sqrt(3)))
-        station.append(np.full(len(ray), number))
-    return make_scan(
-        name,
-        "m",
-        surface,
-        points=np.concatenate(points),
-        ideal=np.concatenate(ideal),
-        sigma=np.concatenate(sigma),
-        station=np.concatenate(station),
-        sensors=stations,
-    )
+        returns.add(registered, true, echoes.sigma, registered - noisy, number)
+    return returns.scan(name, surface, stations)
 
 
 def _grid(sector: Sector) -> Floats:
