@@ -1,4 +1,4 @@
-"""Drawing a point cloud as shaded surface elements with numpy: no GPU, no display.
+"""Drawing a point cloud as shaded surface elements on the CPU: no GPU, no display.
 
 Each point is a disc in its tangent plane (a surfel), drawn into a depth buffer; the picture is lit from
 the camera's upper left and darkened where depth drops (eye-dome lighting, Boucheny 2009).
@@ -6,6 +6,7 @@ the camera's upper left and darkened where depth drops (eye-dome lighting, Bouch
 
 from __future__ import annotations
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -28,6 +29,8 @@ _STEEPEST = 0.25
 _DEPTH_STEPS = float(2**38)
 _INDEX_BITS = 24
 _NOTHING = np.iinfo(np.int64).max
+_DOME_STEP = 2
+"""Pixels to one of the picture that tells the surroundings' depth."""
 
 
 def draw(
@@ -81,26 +84,41 @@ def visible(
     discs = np.clip(radius * scale, _SMALLEST_DISC, _LARGEST_DISC * height)
     reach = int(np.ceil(discs.max()))
     inside = np.flatnonzero((column > -reach) & (column < width + reach) & (row > -reach) & (row < height + reach))
-    order = inside[np.argsort(-discs[inside])]
-    column, row, near, scale, discs = column[order], row[order], depth[order], scale[order], discs[order]
-    slope = facing[order, :2] / np.maximum(facing[order, 2:], _STEEPEST) * [1, -1]  # image rows run down
+    slope = facing[inside, :2] / np.maximum(facing[inside, 2:], _STEEPEST) * [1, -1]  # image rows run down
     spare = 8 * float(radius.max()) + 1e-6 * camera.distance
     low, high = float(depth.min()) - spare, float(depth.max()) + spare
-    # a margin of 2 x reach, so that no disc leaves the buffer
-    wide = width + 4 * reach
-    nearest = np.full((height + 4 * reach) * wide, _NOTHING)
-    home = (np.floor(row).astype(np.int64) + 2 * reach) * wide + np.floor(column).astype(np.int64) + 2 * reach
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            count = int(np.searchsorted(-discs, -np.hypot(dx, dy), side="right"))  # discs that reach so far
-            rise = slope[:count, 0] * dx + slope[:count, 1] * dy  # of their planes at this pixel, in pixels
-            chosen = np.flatnonzero(rise * rise + (dx * dx + dy * dy) <= np.square(discs[:count]))
-            plane = near[chosen] + rise[chosen] / scale[chosen]
-            key = ((plane - low) / (high - low) * _DEPTH_STEPS).astype(np.int64) << _INDEX_BITS | order[chosen]
-            np.minimum.at(nearest, home[chosen] + (dy * wide + dx), key)
-    nearest = nearest.reshape(-1, wide)[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width]
+    nearest = np.full((height, width), _NOTHING)
+    _fill(nearest, inside, column, row, depth, scale, discs, slope, low, high - low)
     index = np.where(nearest == _NOTHING, -1, nearest & ((1 << _INDEX_BITS) - 1))
     return index, (nearest >> _INDEX_BITS) / _DEPTH_STEPS * (high - low) + low
+
+
+@nb.njit(cache=True, nogil=True)
+def _fill(
+    nearest: NDArray[np.int64],
+    points: NDArray[np.int64],
+    column: Floats,
+    row: Floats,
+    depth: Floats,
+    scale: Floats,
+    discs: Floats,
+    slope: Floats,
+    low: float,
+    span: float,
+) -> None:
+    """Put depth and index of each pixel's nearest disc into ``nearest``; ``slope`` has a row for each of ``points``."""
+    height, width = nearest.shape
+    for place, point in enumerate(points):
+        disc = discs[point]
+        reach, home_row, home_column = int(disc), int(np.floor(row[point])), int(np.floor(column[point]))
+        for y in range(max(home_row - reach, 0), min(home_row + reach + 1, height)):
+            for x in range(max(home_column - reach, 0), min(home_column + reach + 1, width)):
+                dx, dy = x - home_column, y - home_row
+                rise = slope[place, 0] * dx + slope[place, 1] * dy  # of its plane at this pixel, in pixels
+                if rise * rise + (dx * dx + dy * dy) <= disc * disc:
+                    away = depth[point] + rise / scale[point] - low
+                    key = np.int64(away / span * _DEPTH_STEPS) << _INDEX_BITS | point
+                    nearest[y, x] = min(nearest[y, x], key)
 
 
 def _lit(facing: Floats, colours: Image | None, shading: float) -> Image:
@@ -119,11 +137,21 @@ def _lit(facing: Floats, colours: Image | None, shading: float) -> Image:
 
 
 def _dome(depth: Floats, drawn: NDArray[np.bool_], radius: float) -> Floats:
-    """Factor that darkens pixels lying behind their surroundings."""
+    """Factor that darkens pixels lying behind their surroundings, which a picture of less detail tells."""
+    rough_depth, rough_drawn = _reduced(np.where(drawn, depth, 0.0)), _reduced(drawn.astype(np.float64))
+    most = np.array(rough_depth.shape)[:, None, None] - 1
+    row, column = np.minimum(np.indices(depth.shape) // _DOME_STEP, most)
     shade = np.zeros_like(depth)
     for fraction, weight in ((0.004, 0.5), (0.016, 0.5)):
-        sigma = fraction * len(depth)
-        mass = gaussian_filter(drawn.astype(np.float64), sigma)
-        mean = gaussian_filter(np.where(drawn, depth, 0.0), sigma) / np.maximum(mass, 1e-6)
-        shade += weight * np.clip((depth - mean) / (6 * radius), 0, 1)
+        sigma = fraction * len(rough_depth)
+        mean = gaussian_filter(rough_depth, sigma) / np.maximum(gaussian_filter(rough_drawn, sigma), 1e-6)
+        shade += weight * np.clip((depth - mean[row, column]) / (6 * radius), 0, 1)
     return np.asarray(1 - 0.6 * shade)
+
+
+def _reduced(image: Floats) -> Floats:
+    """Mean of blocks of ``_DOME_STEP`` pixels; a rest at the edges is left out, unless there is nothing else."""
+    height, width = (max(size // _DOME_STEP, 1) for size in image.shape)
+    tall, wide = (min(size, _DOME_STEP * count) for size, count in zip(image.shape, (height, width), strict=True))
+    blocks = image[:tall, :wide].reshape(height, tall // height, width, wide // width)
+    return np.asarray(blocks.mean(axis=(1, 3)))
