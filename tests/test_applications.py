@@ -38,6 +38,7 @@ def test_a_clean_scan_is_as_good_as_it_gets(applications: ModuleType) -> None:
     assert applications.reconstruction(part, scan.points, scan.normals).figures["mesh to surface x 1e3"] < 3
 
 
+@pytest.mark.full
 def test_denoising_helps(applications: ModuleType, tmp_path: Path) -> None:
     denoiser = Denoiser.load(device="cpu")
 

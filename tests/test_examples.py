@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 
 from pcdnf.formats import read
@@ -58,6 +59,7 @@ def test_python_client(keyed: Service, tmp_path: Path) -> None:
     assert "Traceback" not in refused.stderr
 
 
+@pytest.mark.full
 def test_batch_folder(tmp_path: Path) -> None:
     (tmp_path / "scans" / "sub").mkdir(parents=True)
     first = write_sphere(tmp_path / "scans" / "a.ply", COUNT)
@@ -72,6 +74,7 @@ def test_batch_folder(tmp_path: Path) -> None:
     assert run(*command, status=1).stdout.count("already there") == 2
 
 
+@pytest.mark.full
 def test_open3d_mesh(tmp_path: Path) -> None:
     scan = write_sphere(tmp_path / "scan.ply", 3000)
     run(sys.executable, EXAMPLES / "open3d_mesh.py", scan, tmp_path / "mesh.ply")

@@ -71,6 +71,7 @@ def folder(tmp_path: Path, samples: Path, running: Service) -> Path:
     return tmp_path
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", with_code("sh", "python"))
 def test_blocks_run(page: Path, folder: Path, url: str) -> None:
     more = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PCDNF_URL": url}

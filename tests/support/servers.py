@@ -16,11 +16,14 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from uuid import uuid4
 
 import httpx
 import obstore
+import psycopg
 import pytest
 from obstore.store import S3Store
+from psycopg.sql import SQL, Identifier
 
 S3_KEY, S3_SECRET = "tests", "a-secret-of-the-tests"
 START_SECONDS = 60.0
@@ -54,6 +57,16 @@ def postgresql(host: str = "127.0.0.1") -> Iterator[str]:
             yield f"postgresql://tests@{host}:{port}/postgres"
         finally:
             subprocess.run([*control, "-m", "immediate", "stop"], user=user, check=True, capture_output=True)
+
+
+@contextmanager
+def database(server: str) -> Iterator[str]:
+    """Make an empty database on a PostgreSQL server, given by URL; gives its own URL."""
+    name = f"tests_{uuid4().hex}"
+    with psycopg.connect(server, autocommit=True) as connection:
+        connection.execute(SQL("CREATE DATABASE {}").format(Identifier(name)))
+        yield f"{server.rpartition('/')[0]}/{name}"
+        connection.execute(SQL("DROP DATABASE {} WITH (FORCE)").format(Identifier(name)))
 
 
 def _servant() -> str | None:

@@ -25,7 +25,7 @@ from service.api.server import configuration
 START_SECONDS = 240.0
 KEY = "opensesame-opensesame"  # of the service that asks for one
 ONE_BY_ONE = httpx.Limits(max_keepalive_connections=0)  # a connection each, so that none is closed under a request
-QUICK = {"tile_points": 1024, "poll_seconds": 0.3, "heartbeat_seconds": 0.5, "grace_seconds": 20}
+QUICK = {"tile_points": 1024, "poll_seconds": 0.5, "heartbeat_seconds": 1, "grace_seconds": 20}  # idle ones cost too
 
 
 class Served:

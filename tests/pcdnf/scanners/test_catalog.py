@@ -7,7 +7,7 @@ from pcdnf.scanners.catalog import KINDS, simulate
 from pcdnf.scanners.scan import Scan
 from pcdnf.scanners.surface import Surface
 
-POINTS = 6000
+POINTS = 3000
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_layers_of_a_turntable_do_not_fit(scans: dict[str, Scan]) -> None:
 
 
 def test_errors_of_matching_are_alike_nearby() -> None:
-    scan = simulate("photogrammetry", 4, 30_000)
+    scan = simulate("photogrammetry", 4, 15_000)
     good = ~scan.mixed
     error = (((scan.points - scan.clean) * scan.normals).sum(1) / scan.sigma)[good]
     tree = cKDTree(scan.clean[good])

@@ -14,7 +14,7 @@ from pcdnf.training.trainer import Trainer
 
 def batches(seed: int = 3) -> TrainingBatches:
     recipe = DEFAULTS["lite"].recipe
-    return TrainingBatches(recipe, seed=seed, batch=16, pool=2, fresh_every=100, teacher=None)
+    return TrainingBatches(recipe, seed=seed, batch=16, pool=1, fresh_every=100, teacher=None)
 
 
 @pytest.mark.timeout(120)

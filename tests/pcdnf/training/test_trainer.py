@@ -23,6 +23,7 @@ from pcdnf.training.trainer import Trainer, learning_rate
 from pcdnf.training.validation import validate
 
 RECIPE = DEFAULTS["lite"].recipe
+BATCH = 64
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +111,10 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest
             minutes=minutes,
             save_every=2,
             workers=0,
-            validation_patches=256,
-            validation_clouds=2,
-            pool=2,
+            batch=BATCH,
+            validation_patches=BATCH,
+            validation_clouds=1,
+            pool=1,
         )
 
     Trainer(options(0.1)).run()
@@ -129,7 +131,7 @@ def test_a_training_learns_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest
     assert again.average.correct[2].weight.abs().max() > 0  # zero at the start
     denoiser = Denoiser.load(tmp_path / "model.safetensors", device="cpu")
     assert denoiser.info is not None
-    assert denoiser.info.training["patches"] == denoiser.info.training["steps"] * 256
+    assert denoiser.info.training["patches"] == denoiser.info.training["steps"] * BATCH
     info, last = load_checkpoint(tmp_path / "last.safetensors")
     assert info.training["steps"] == again.run_folder.step
     assert all(torch.equal(value, last[key]) for key, value in again.average.state_dict().items())
@@ -165,9 +167,10 @@ def test_a_training_on_scans_is_validated_on_scans_too(tmp_path: Path, monkeypat
         folder=tmp_path,
         minutes=0.02,
         workers=0,
-        validation_patches=128,
-        validation_clouds=2,
-        pool=2,
+        batch=BATCH,
+        validation_patches=BATCH,
+        validation_clouds=1,
+        pool=1,
         scans=1.0,
     )
     Trainer(options).run()

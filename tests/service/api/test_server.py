@@ -19,8 +19,8 @@ from tests.support.service_process import Service, write_sphere
 
 
 def test_a_stopping_service_says_so_until_the_tile_is_finished(tmp_path: Path, small: Path) -> None:
-    service = Service(tmp_path, tile_points=40_000, grace_seconds=60).start()
-    job = service.submit(write_sphere(tmp_path / "large.ply", 40_000))  # a tile of some seconds
+    service = Service(tmp_path, tile_points=20_000, grace_seconds=60).start()
+    job = service.submit(write_sphere(tmp_path / "large.ply", 20_000))  # a tile of some seconds
     service.wait_done(job["id"], 1)
     process, client = service.process, service.client
     assert process is not None
@@ -37,7 +37,7 @@ def test_a_stopping_service_says_so_until_the_tile_is_finished(tmp_path: Path, s
     with pytest.raises(httpx.ConnectError):
         client.get("/livez")
     service.process = None
-    assert "tile 0-40000 done" in service.output()
+    assert "tile 0-20000 done" in service.output()
 
 
 @pytest.mark.parametrize("module", ["service.api", "service.worker", "service"])

@@ -21,14 +21,21 @@ from service.problems import Problem
 from service.settings import Settings
 from service.worker.metrics import WorkerMetrics
 from tests.support.board import open_board, submit_at_once
-from tests.support.servers import postgresql
+from tests.support.servers import database, postgresql
 from tests.support.service_process import Service, write_sphere
 
 
-@pytest.fixture
-def database_url() -> Iterator[str]:
-    """A PostgreSQL server of its own."""
+@pytest.fixture(scope="module")
+def postgresql_url() -> Iterator[str]:
+    """A PostgreSQL server."""
     with postgresql() as url:
+        yield url
+
+
+@pytest.fixture
+def database_url(postgresql_url: str) -> Iterator[str]:
+    """A database of its own."""
+    with database(postgresql_url) as url:
         yield url
 
 

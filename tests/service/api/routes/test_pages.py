@@ -93,6 +93,7 @@ def test_vendored_files_name_the_pinned_versions() -> None:
     assert re.search(rf'["`]{revision}["`]', (FOLDER / "vendor" / "three.js").read_text())
 
 
+@pytest.mark.full
 def test_vendored_files_are_what_npm_has(tmp_path: Path) -> None:
     if shutil.which("npm") is None:
         pytest.skip("npm is not installed")
