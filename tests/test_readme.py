@@ -22,7 +22,7 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), r
 
 WITH_LOOPS = ("README.md", "docs/api.md", "docs/tutorial.md")
 LOOP_SECONDS = 60
-POINTS = 5000
+POINTS = 2000
 
 
 def block(language: str, word: str) -> str:

@@ -60,6 +60,7 @@ def test_what_is_left_out_is_not_seen(bank: Bank, monkeypatch: pytest.MonkeyPatc
     assert {given["steps"] * given["batch"] for _, given in seen} == {512}
 
 
+@pytest.mark.full
 def test_training_learns(bank: Bank) -> None:
     first, later = (
         ingredients.scores(ingredients.train([bank], steps=steps, batch=64)[1], [bank])[0] for steps in (1, 12)

@@ -42,6 +42,7 @@ def test_a_large_scan_is_cut_to_its_middle() -> None:
     assert middle_part(whole, 101) is whole
 
 
+@pytest.mark.full
 def test_tables_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     scan = np.c_[rng.uniform(size=(5000, 2)), rng.normal(size=5000) * 0.005]
