@@ -123,7 +123,8 @@ def _classes(text: str) -> tuple[int, ...]:
 
 def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
-    from ..formats.attributes import with_columns, without_classes
+    from ..formats.aside import points_to_fit
+    from ..formats.attributes import with_columns
     from ..formats.files import format_to_write
     from ..formats.scanner_positions import known_sides
 
@@ -133,7 +134,7 @@ def _denoise(options: argparse.Namespace) -> int:
     check_iterations(options.iterations)
     check_radius(options.radius)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
-    cloud = without_classes(cloud, options.ignore_classes)
+    cloud = points_to_fit(cloud, options.ignore_classes)
     if options.outliers == "drop":
         from ..geometry.outliers import drop_outliers
 

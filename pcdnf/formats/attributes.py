@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .colours import BYTE, WORD, colours_of, sixteen_bit_intensity
-from .errors import FormatError, shown
-from .limits import Limits, check_enough
+from .errors import shown
 from .point_cloud import PointCloud
 from .roles import CHANNELS, canonical_name, channels_of
 
@@ -53,44 +51,6 @@ def numeric_attributes(cloud: PointCloud, title: str) -> tuple[Columns, list[str
         else:
             kept[name] = values
     return kept, notes
-
-
-def without_classes(cloud: PointCloud, classes: Sequence[int], limits: Limits | None = None) -> PointCloud:
-    """Return the cloud without the points of some classes, which ``whole`` puts back unchanged.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-    classes : sequence of int
-        As in the column ``classification``; none leaves the cloud as it is.
-    limits : Limits, optional
-        Whose minimum the points that are left must reach.
-
-    Raises
-    ------
-    FormatError
-        ``missing_column`` where the cloud has no classification, ``too_few_points`` where too few are left.
-    """
-    if not classes:
-        return cloud
-    found = _of_classes(cloud, classes)
-    check_enough(len(cloud) - len(found), limits or Limits())
-    return cloud.aside(
-        found, f"{len(found)} points of the classes {', '.join(map(str, classes))} were left as they are."
-    )
-
-
-def _of_classes(cloud: PointCloud, classes: Sequence[int]) -> NDArray[np.int64]:
-    """Rows of the points whose classification is one of ``classes``, ascending."""
-    column = renamed(cloud.attributes).get("classification")
-    values = None if column is None else numbers(column)
-    if values is None or values.ndim != 1:
-        raise FormatError(
-            "The cloud has no classification, so no classes can be left out.",
-            code="missing_column",
-            hint="Name no classes to ignore, or send a LAS or LAZ with classes.",
-        )
-    return np.flatnonzero(np.isin(values, classes))
 
 
 def with_columns(cloud: PointCloud, columns: Columns) -> PointCloud:

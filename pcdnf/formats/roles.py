@@ -5,7 +5,7 @@ A name counts whatever its case. CloudCompare puts ``scalar_`` before the names 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 NORMALS = (
     ("nx", "ny", "nz"),
@@ -36,6 +36,12 @@ COLOURS = (
 SCAN_INDEX = "scan_index"
 """The column that says which scan a point is of, where a file holds several."""
 
+SPLAT = {"f_dc_0", "scale_0", "rot_0", "opacity"}
+"""Columns that only Gaussian splats have together."""
+
+SCALARS = ("confidence", "displacement", "estimated_noise")
+"""Columns that no program looks for by name: in a PLY they get ``scalar_``, which CloudCompare needs to show them."""
+
 _SCALAR = "scalar_"
 _KNOWN = {
     "intensity": ("intensity", "intensities"),
@@ -48,6 +54,7 @@ _KNOWN = {
     "scan_angle_rank": ("scan_angle_rank", "scananglerank", "scan angle rank"),
     "scan_direction_flag": ("scan_direction_flag", "scandirectionflag"),
     "edge_of_flight_line": ("edge_of_flight_line", "edgeofflightline"),
+    **{name: (name,) for name in SCALARS},
 }
 _CANONICAL = {spelled: name for name, spellings in _KNOWN.items() for spelled in spellings}
 
@@ -95,6 +102,17 @@ def find_colours(names: Iterable[str]) -> Triple | None:
 def canonical_name(name: str) -> str:
     """Return the name that formats with fixed fields use for a column: ``scalar_GpsTime`` is ``gps_time``."""
     return _CANONICAL.get(name.lower().removeprefix(_SCALAR), name)
+
+
+def ply_name(name: str) -> str:
+    """Return the name of a column that is new to a PLY: ``confidence`` is ``scalar_confidence``."""
+    return f"{_SCALAR}{name}" if name.removeprefix("pcdnf_") in SCALARS else name
+
+
+def column_name(prop: str, taken: Collection[str]) -> str:
+    """Return the name of the column that a property of a PLY holds: that of :func:`ply_name` backwards, if free."""
+    name = prop.removeprefix(_SCALAR)
+    return name if ply_name(name) == prop and name not in taken else prop
 
 
 def channels_of(name: str, values: int) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pcdnf.file_formats import TEXT_FORMATS
 from pcdnf.formats import Limits, PointCloud, read
-from pcdnf.formats.attributes import without_classes
+from pcdnf.formats.aside import points_to_fit
 from pcdnf.geometry.outliers import drop_outliers
 
 from ..jobs.files import UPLOAD, job_file
@@ -85,7 +85,7 @@ def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[A
 
 
 def read_upload(runtime: Runtime, job: Job) -> PointCloud:
-    """Read the upload under the limits of its check; put classes aside and drop outliers if the job asks for it.
+    """Read the upload under the limits of its check; put aside what no fit uses, and drop outliers if asked.
 
     Raises
     ------
@@ -98,5 +98,5 @@ def read_upload(runtime: Runtime, job: Job) -> PointCloud:
     )
     with runtime.storage.reading(job_file(job.id, UPLOAD)) as path:
         cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
-    cloud = without_classes(cloud, ignored_classes(job.parameters.get("ignore_classes", "")))
+    cloud = points_to_fit(cloud, ignored_classes(job.parameters.get("ignore_classes", "")))
     return drop_outliers(cloud) if job.parameters["outliers"] == "drop" else cloud

@@ -13,7 +13,7 @@ from ..errors import FormatError, shown
 from ..flavours import Block, PlyFlavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
-from ..roles import NORMALS, find_normals, free_normals
+from ..roles import NORMALS, SPLAT, column_name, find_normals, free_normals
 from .columns import Column, ply_columns
 from .elements import BYTE_ORDERS, TYPES, Element
 from .header import ERRORS, Header, header_bytes, read_header
@@ -24,7 +24,6 @@ Rows = NDArray[Any]
 """One structured row a vertex."""
 
 _ROWS_PER_WRITE = 1 << 18
-_SPLAT = {"f_dc_0", "scale_0", "rot_0", "opacity"}
 
 
 def read_ply(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
@@ -149,7 +148,7 @@ def _cloud(header: Header, body: Body) -> PointCloud:
         points=points,
         normals=normals,
         attributes={
-            name: np.ascontiguousarray(rows[name], rows[name].dtype.newbyteorder("="))
+            column_name(name, types): np.ascontiguousarray(rows[name], rows[name].dtype.newbyteorder("="))
             for name in types
             if name not in taken
         },
@@ -176,7 +175,7 @@ def _warnings(header: Header, body: Body) -> list[str]:
         warnings.append(f"The lists {', '.join(lists)} of the vertices were left out: only single values are kept.")
     if body.is_longer:
         warnings.append("The file has more rows than its header declares; these were left out.")
-    if names >= _SPLAT:
+    if names >= SPLAT:
         warnings.append(
             "The file holds Gaussian splats. Their centres move; their scales, rotations and colours stay as they "
             "are, so the picture they make may change."

@@ -14,7 +14,7 @@ from ..colours import BYTE
 from ..errors import FormatError, shown
 from ..flavours import NpzFlavour, PlyFlavour
 from ..point_cloud import PointCloud
-from ..roles import channels_of
+from ..roles import channels_of, ply_name
 from .elements import SPELLINGS, TYPES
 
 Column = tuple[str, str, NDArray[Any]]
@@ -55,7 +55,8 @@ def ply_columns(cloud: PointCloud) -> tuple[list[Column], list[str]]:
         attributes, told = with_colours(attributes, BYTE, "PLY", cloud.brightest)
         notes += told
     for member, values in attributes.items():
-        for part, column in _flat(member, values):
+        for found, column in _flat(member, values):
+            part = found if found in declared else ply_name(found)
             taken = columns.keys() | (declared.keys() - {member})
             name = part if part in declared and part not in columns else _fresh_property(part, taken)
             spelled, column = _stored(name, column)

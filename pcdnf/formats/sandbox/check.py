@@ -15,7 +15,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from ..attributes import without_classes
+from ..aside import points_to_fit
 from ..files import read
 from ..limits import Limits
 from .limits import add_restraints, guarded, restrain
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def describe(path: str, limits: Limits, *, text: bool, classes: Sequence[int] = ()) -> dict[str, Any]:
     """Return the object that :func:`main` prints for a file that can be read."""
-    cloud = without_classes(read(path, limits=limits, text=text), classes, limits)
+    cloud = points_to_fit(read(path, limits=limits, text=text), classes, limits)
     return {
         "ok": True,
         "format": cloud.flavour.format,

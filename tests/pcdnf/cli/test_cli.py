@@ -93,8 +93,29 @@ def test_what_was_done_to_each_point_is_added_on_request(
     confidence, noise = after.attributes["confidence"], after.attributes["estimated_noise"]
     assert 0 <= confidence.min() <= confidence.max() <= 1
     assert (confidence[moved <= 2 * noise] == 1)[moved[moved <= 2 * noise] > 0].all()
+    head = output.read_bytes().partition(b"end_header")[0].decode()
+    names = ["scalar_displacement", "scalar_estimated_noise", "scalar_confidence"]
+    assert re.findall(r"property float (scalar_\w+)", head) == names, "CloudCompare shows only these"
     told = capsys.readouterr().out
     assert f"points moved: {after.metadata['moved']}, left: {after.metadata['left']}" in told
+
+
+def test_faint_splats_do_not_pull_the_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    surface = wave(0.01)
+    floaters = surface + np.array([0, 0, 0.04])
+    logits = np.repeat([4.0, -4.0], COUNT)
+    columns = {name: np.ones(2 * COUNT, np.float32) for name in ("f_dc_0", "scale_0", "rot_0")}
+    splats = PointCloud(
+        points=np.concatenate([surface, floaters]), attributes=columns | {"opacity": logits.astype(np.float32)}
+    )
+    write(tmp_path / "splats.ply", splats)
+    write(tmp_path / "surface.ply", PointCloud(points=surface))
+    for name in ("splats", "surface"):
+        assert main(["denoise", str(tmp_path / f"{name}.ply"), "-o", str(tmp_path / f"{name}_out.ply"), "--quiet"]) == 0
+    found, expected = read(tmp_path / "splats_out.ply"), read(tmp_path / "surface_out.ply")
+    np.testing.assert_array_equal(found.points[:COUNT], expected.points)
+    np.testing.assert_array_equal(found.points[COUNT:], floaters)
+    assert f"{COUNT} of {2 * COUNT} splats have an opacity below 10%" in capsys.readouterr().err
 
 
 def test_the_name_of_the_output_picks_the_format(

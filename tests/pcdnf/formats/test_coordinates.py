@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcdnf.formats import FormatError, Limits, NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, write
-from pcdnf.formats.attributes import without_classes
+from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, write
 
 NEAR = np.random.default_rng(0).normal(size=(400, 3))
 OFFSET = np.array([500_000, 5_400_000, 0])
@@ -45,24 +44,3 @@ def test_float64_gives_a_pcd_with_doubles(tmp_path: Path) -> None:
     cloud = PointCloud(points=NEAR + OFFSET, attributes={"scalar_Intensity": np.arange(400)})
     assert write(tmp_path / "a", cloud, format="pcd", coordinates="float64") == []
     np.testing.assert_array_equal(read(tmp_path / "a").points, NEAR + OFFSET)
-
-
-def test_points_put_aside_come_back_as_they_are(tmp_path: Path) -> None:
-    classes = np.array([2, 7, 2, 18, 2, 2], np.uint8)
-    points = NEAR[:6].copy()
-    points[4] = np.nan
-    cloud = PointCloud(points=points, normals=np.ones((6, 3)), attributes={"classification": classes})
-    write(tmp_path / "a.ply", cloud)
-    given = read(tmp_path / "a.ply")
-    rest = without_classes(given, (7, 18))
-    assert len(rest) == 3
-    assert "2 points of the classes 7, 18 were left as they are." in rest.warnings
-    assert without_classes(given, ()) is given
-    with pytest.raises(FormatError, match="3 points; at least 4"):
-        without_classes(given, (7, 18), Limits(minimum_points=4))
-    whole = rest.replaced(rest.points + 1, -np.ones((3, 3))).whole()
-    np.testing.assert_array_equal(whole.points[[1, 3]], points[[1, 3]])
-    np.testing.assert_array_equal(whole.points[[0, 2, 5]], points[[0, 2, 5]] + 1)
-    assert np.isnan(whole.points[4]).all()
-    write(tmp_path / "b.las", rest, format="las", check=True)
-    assert read(tmp_path / "b.las").attributes["classification"].tolist() == [2, 7, 2, 18, 2]

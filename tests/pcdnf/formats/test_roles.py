@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcdnf.formats import PlyFlavour, PointCloud, read, write
-from pcdnf.formats.roles import canonical_name, find_colours, find_normals, free_normals
+from pcdnf.formats.roles import canonical_name, column_name, find_colours, find_normals, free_normals, ply_name
 
 SPELLINGS = [
     ("nx", "ny", "nz"),
@@ -62,7 +62,20 @@ def test_names_of_colours_and_other_known_columns() -> None:
     assert find_colours(["red", "green"]) is None
     assert canonical_name("scalar_GpsTime") == "gps_time"
     assert canonical_name("Intensity") == "intensity"
-    assert canonical_name("confidence") == "confidence"
+    assert canonical_name("confidence") == canonical_name("scalar_Confidence") == "confidence"
+
+
+def test_names_that_only_cloudcompare_looks_for() -> None:
+    assert [ply_name(name) for name in ("confidence", "pcdnf_displacement", "intensity", "label")] == [
+        "scalar_confidence",
+        "scalar_pcdnf_displacement",
+        "intensity",
+        "label",
+    ]
+    assert column_name("scalar_confidence", ()) == "confidence"
+    assert column_name("scalar_confidence", ("confidence",)) == "scalar_confidence"
+    assert column_name("scalar_Intensity", ()) == "scalar_Intensity"
+    assert column_name("confidence", ()) == "confidence"
 
 
 def test_new_normals_take_names_that_are_free() -> None:

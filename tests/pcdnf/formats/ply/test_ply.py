@@ -214,6 +214,28 @@ def test_splats_are_warned_of(tmp_path: Path) -> None:
     assert cloud.attributes["rot_3"].tolist() == [61, 126]
 
 
+@pytest.mark.parametrize(
+    "declared", [("scalar_confidence",), ("confidence",), ("confidence", "scalar_confidence"), ("scalar_displacement",)]
+)
+def test_columns_of_confidence_come_back_under_the_name_they_had(tmp_path: Path, declared: tuple[str, ...]) -> None:
+    data = np.arange(2 * (3 + len(declared)), dtype="<f4")
+    lines = vertices(2, *XYZ, *(f"float {name}" for name in declared))
+    (tmp_path / "a.ply").write_bytes(header(*lines) + data.tobytes())
+    cloud = read(tmp_path / "a.ply")
+    names = [name.removeprefix("scalar_") for name in declared] if len(declared) == 1 else list(declared)
+    assert list(cloud.attributes) == names
+    write(tmp_path / "b.ply", cloud)
+    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+
+
+def test_new_columns_of_confidence_get_the_name_that_cloudcompare_needs(tmp_path: Path) -> None:
+    cloud = PointCloud(points=np.eye(3), attributes={"confidence": np.ones(3), "label": np.ones(3)})
+    write(tmp_path / "a.ply", cloud)
+    head = (tmp_path / "a.ply").read_bytes()
+    assert b"property double scalar_confidence\nproperty double label\n" in head
+    assert list(read(tmp_path / "a.ply").attributes) == ["confidence", "label"]
+
+
 def test_elements_before_the_vertices_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     lines = ["element camera 2", "property double f", "element strip 2", "property list ushort short at", *vertices(2)]
