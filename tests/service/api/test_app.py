@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import struct
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import pytest
 import pcdnf
 from pcdnf.denoiser import Denoiser
 from pcdnf.formats import NpzFlavour, PlyFlavour, PointCloud, read, write
+from pcdnf.formats.flavours import Block
 from pcdnf.geometry.normals import pca_normals
 from service.jobs.store import USUAL_ITERATIONS
 from tests.support.display_file import read_display
@@ -300,6 +302,43 @@ def test_ignored_classes_and_the_type_of_coordinates_hold_in_every_format(runnin
         assert cloud.points.dtype == (np.float64 if format_ == "las" else np.float32)
         moved = np.abs(cloud.points + shift - given).max(axis=1)
         assert moved[:300].max() > 1e-3 > moved[300:].max()
+
+
+def _grid(width: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Noisy vertices of a plane, and faces of three and of four corners between them."""
+    plane = np.stack(np.meshgrid(np.arange(width), np.arange(width)), axis=-1).reshape(-1, 2)
+    points = np.c_[plane, np.random.default_rng(0).normal(0, 0.2, len(plane))].astype("<f4")
+    faces: list[tuple[int, ...]] = []
+    for corner in (row * width + column for row in range(width - 1) for column in range(width - 1)):
+        right, above, across = corner + 1, corner + width, corner + width + 1
+        faces += [(corner, right, across, above)] if corner % 3 else [(corner, right, across), (corner, across, above)]
+    return points, faces
+
+
+def test_a_mesh_comes_back_with_its_faces_unchanged(running: Service, tmp_path: Path) -> None:
+    points, faces = _grid(20)
+    lines = (f"element face {len(faces)}", "property list uchar int vertex_indices", "property uchar red")
+    rows = b"".join(struct.pack(f"<B{len(face)}iB", len(face), *face, face[0] % 256) for face in faces)
+    flavour = PlyFlavour(after=(Block("face", lines, rows),))
+    write(tmp_path / "mesh.ply", PointCloud(points=points, flavour=flavour))
+    obj = [*(f"v {x} {y} {z}" for x, y, z in points.tolist()), *(f"f {' '.join(str(i + 1) for i in f)}" for f in faces)]
+    (tmp_path / "mesh.obj").write_text("\n".join(obj))
+    jobs = {name: running.submit(tmp_path / name, iterations=1) for name in ("mesh.ply", "mesh.obj")}
+    for name, job in jobs.items():
+        job = running.wait_status(job["id"], "succeeded", "failed")
+        assert job["status"] == "succeeded", job["problem"]
+        content = running.client.get(f"{job['links']['self']}/result").content
+        (tmp_path / "result.ply").write_bytes(content)
+        cloud = read(tmp_path / "result.ply")
+        assert isinstance(cloud.flavour, PlyFlavour)
+        (block,) = cloud.flavour.after
+        bare = b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+        assert block.lines == (lines if name == "mesh.ply" else lines[:2])
+        assert block.body == (rows if name == "mesh.ply" else bare)
+        assert content.endswith(block.body)
+        moved = np.abs(cloud.points - points)
+        assert (moved.max(axis=1) > 0).mean() > 0.5, "its vertices are denoised"
+        assert np.abs(cloud.points[:, 2]).mean() < np.abs(points[:, 2]).mean()
 
 
 def test_classes_of_a_cloud_without_any_are_refused(api: httpx.Client, small: Path) -> None:
