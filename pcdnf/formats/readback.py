@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from .point_cloud import PointCloud
 
 SAMPLE = 1000
 """Rows that are compared, evenly spread."""
+_NINE_DIGITS = 5e-9  # of float32 as text, which is read as float64
 
 
 def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) -> None:
@@ -39,7 +40,7 @@ def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) ->
         raise _wrong(f"it cannot be read ({error})") from error
     if len(again) != len(cloud):
         raise _wrong(f"it has {len(again)} points in place of {len(cloud)}")
-    tolerance = _tolerance(cloud.points, codec.rounding, single=again.points.dtype == np.float32)
+    tolerance = _tolerance(cloud.points, codec.rounding, again.points.dtype)
     for what, bound in (("lowest", np.nanmin), ("highest", np.nanmax)):
         with np.errstate(invalid="ignore"):
             if (
@@ -75,13 +76,13 @@ def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, 0)
 
 
-def _tolerance(points: Array, rounding: float, *, single: bool) -> float:
+def _tolerance(points: Array, rounding: float, stored: np.dtype[Any]) -> float:
     """How far a stored coordinate may be from the one given: by the digits of its type, or the grid of the format."""
     finite = points[finite_rows(points)]
     if not len(finite):
         return 0.0
-    most = float(np.abs(finite).max())
-    return max(rounding * spacing(finite), most * (1.2e-7 if single else 1e-14))
+    digits = 1.2e-7 if stored == np.float32 else _NINE_DIGITS if points.dtype == np.float32 else 1e-14
+    return max(rounding * spacing(finite), float(np.abs(finite).max()) * digits)
 
 
 def _alike(first: Array, second: Array, tolerance: float) -> bool:

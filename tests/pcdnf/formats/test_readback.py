@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
 
-from pcdnf.formats import FormatError, PointCloud, write
+from pcdnf.file_formats import TEXT_FORMATS
+from pcdnf.formats import FormatError, PointCloud, read, write
 from pcdnf.formats.codec import FileCodec
 from pcdnf.formats.ply.codec import read_ply, write_ply
 from pcdnf.formats.registry import CODECS
@@ -22,10 +24,14 @@ CLOUD = PointCloud(
 )
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("scale", [1e-3, 1, 100])
 @pytest.mark.parametrize("ending", list(CODECS))
-def test_every_format_passes_the_check(tmp_path: Path, ending: str) -> None:
-    write(tmp_path / "a", CLOUD, format=ending, check=True)
-    assert (tmp_path / "a").stat().st_size > 0
+def test_every_format_passes_the_check(tmp_path: Path, ending: str, scale: float, dtype: type[np.floating]) -> None:
+    cloud = replace(CLOUD, points=(CLOUD.points * scale).astype(dtype), normals=CLOUD.normals.astype(dtype))
+    write(tmp_path / "a", cloud, format=ending, check=True)
+    found = read(tmp_path / "a", text=ending in TEXT_FORMATS)
+    np.testing.assert_allclose(found.points, cloud.points, rtol=2e-7)
 
 
 def _spoil(change: Callable[[PointCloud], PointCloud]) -> Callable[[BinaryIO, PointCloud], list[str]]:
