@@ -58,7 +58,8 @@ def write_e57(file: BinaryIO, cloud: PointCloud) -> list[str]:
     scans = flavour.scans or whole
     index = attributes.pop(SCAN_INDEX, None) if len(scans) > 1 else None
     stored, left = _fields(attributes)
-    notes += [f"E57 has no field for {shown(name)}; it was left out." for name in left]
+    if left:
+        notes.append(f"E57 has no fields for further columns; left out were: {', '.join(map(shown, left))}.")
     image = libe57.ImageFile(file.name, "w")
     try:
         _begin(image, libe57, cloud, flavour)
