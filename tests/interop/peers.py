@@ -189,8 +189,8 @@ def _binary_pcd(data: bytes) -> Found:
     return found
 
 
-def _cloudcompare(path: Path) -> Found:
-    """What CloudCompare writes of a cloud as text."""
+def cloudcompare_columns(path: Path) -> tuple[list[str], Array]:
+    """The columns of the text that CloudCompare writes of a cloud: names in lower case, and values."""
     with tempfile.TemporaryDirectory() as name:
         source = Path(name) / f"in{path.suffix}"
         shutil.copy(path, source)
@@ -199,11 +199,15 @@ def _cloudcompare(path: Path) -> Found:
         command += ["-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-PREC", "9", "-SAVE_CLOUDS", "FILE", f"{name}/out.asc"]
         subprocess.run(command, capture_output=True, timeout=120, check=False)
         head, *lines = Path(name, "out.asc").read_text().splitlines()
-        names = [part.lower() for part in head.lstrip("/").split()]
-        table = np.array([line.split() for line in lines if len(line.split()) == len(names)], float)
-        renamed = {"r": "red", "g": "green", "b": "blue", "gpstime": "gps_time"}
-        columns = {renamed.get(one, one): table[:, number] for number, one in enumerate(names)}
-        return _by_names(lambda one: columns[one])
+    names = [part.lower() for part in head.lstrip("/").split()]
+    return names, np.array([line.split() for line in lines if len(line.split()) == len(names)], float)
+
+
+def _cloudcompare(path: Path) -> Found:
+    names, table = cloudcompare_columns(path)
+    renamed = {"r": "red", "g": "green", "b": "blue", "gpstime": "gps_time"}
+    columns = {renamed.get(one, one): table[:, number] for number, one in enumerate(names)}
+    return _by_names(lambda one: columns[one])
 
 
 def _laspy(path: Path) -> Found:

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pcdnf.formats import PointCloud, write
 from tests.interop.matrix import GEOREFERENCED, cloud, reading, verdicts
-from tests.interop.peers import PEERS
+from tests.interop.peers import PEERS, cloudcompare_columns
 from tests.interop.writers import WRITERS
 
 pytestmark = [
@@ -51,6 +52,20 @@ def test_what_a_reader_finds_is_what_was_written(tmp_path: Path, peer: object, e
         return
     far = verdicts(peer, ending, cloud(GEOREFERENCED), tmp_path)["points"]  # type: ignore[arg-type]
     assert far == ("off by 0.25" if (peer.name, ending) in COARSE else "yes")  # type: ignore[attr-defined]
+
+
+def test_cloudcompare_shows_the_columns_of_diagnostics(tmp_path: Path) -> None:
+    (peer,) = {peer.name: peer for peer in PEERS if peer.program == "CloudCompare"}.values()
+    if not peer.is_here:
+        pytest.skip("not installed")
+    values = np.linspace(0, 1, 50)
+    added = ("displacement", "estimated_noise", "confidence")
+    columns = {name: (values + number).astype(np.float32) for number, name in enumerate(added)}
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    write(tmp_path / "a.ply", PointCloud(points=points, attributes=columns), check=True)
+    names, table = cloudcompare_columns(tmp_path / "a.ply")
+    for name, column in columns.items():
+        np.testing.assert_allclose(table[:, names.index(name)], column, atol=1e-6)
 
 
 WRITE_FLOATS = {("Open3D", "pcd"), ("trimesh", "ply"), ("trimesh", "stl"), ("pypcd4", "pcd"), ("pye57", "e57")}
