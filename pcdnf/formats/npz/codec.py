@@ -214,7 +214,7 @@ def _others(file: BinaryIO, members: list[Member]) -> tuple[dict[str, NDArray[An
     texts: dict[str, str] = {}
     for member in members:
         stream = MemberStream(file, member)
-        header = read_array_header(stream, member, text=member.name.startswith(NOTE_PREFIX))
+        header = read_array_header(stream, member, text=member.name.startswith(NOTE_PREFIX), truth=True)
         if header.is_text:
             texts[member.name.removeprefix(NOTE_PREFIX)] = read_text(stream, header)
         else:

@@ -22,6 +22,7 @@ MAX_TEXT_BYTES = 512 * 1024
 """Of a text scalar."""
 
 _NUMBER = re.compile(r"[<>=|]?(?:f[248]|[iu][1248])")
+_TRUTH = "|b1"
 _FIELD = re.compile(
     r"\s*\(\s*(['\"])(?P<name>[^'\"\\]{1,64})\1\s*,\s*'(?P<descr>[<>=|]?(?:f[248]|[iu][1248]|b1))'\s*"
     r"(?:,\s*\((?P<shape>[0-9]{1,4}),?\)\s*)?\)\s*(?:,\s*|$)"
@@ -50,7 +51,7 @@ class ArrayHeader:
         return self.dtype.kind in "US"
 
 
-def read_array_header(stream: MemberStream, member: Member, *, text: bool = False) -> ArrayHeader:
+def read_array_header(stream: MemberStream, member: Member, *, text: bool = False, truth: bool = False) -> ArrayHeader:
     """Read the header at the start of a member, and check that the member has the bytes it declares.
 
     Parameters
@@ -61,6 +62,8 @@ def read_array_header(stream: MemberStream, member: Member, *, text: bool = Fals
         Whose name and size the errors name.
     text : bool
         Whether a text scalar is accepted beside numbers.
+    truth : bool
+        Whether truth values are.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def read_array_header(stream: MemberStream, member: Member, *, text: bool = Fals
     descr, shape = declared["text"], declared["shape"]
     is_text = text and _TEXT.fullmatch(descr) is not None and shape == ()
     fields = parsed_fields(descr) if len(shape) == 1 else None
-    if not is_text and fields is None and not _NUMBER.fullmatch(descr):
+    if not is_text and fields is None and not _NUMBER.fullmatch(descr) and not (truth and descr == _TRUTH):
         kind = "of Python objects (a pickle)" if "O" in descr else f"of type {shown(descr)}"
         raise FormatError(
             f"Member {shown(member.name)} is an array {kind}; only real numbers are read: "
@@ -184,6 +187,8 @@ def read_array(stream: MemberStream, header: ArrayHeader) -> NDArray[Any]:
     octets = np.empty(header.body, np.uint8)
     stream.fill(octets.data)
     stream.finish()
+    if header.dtype == bool:
+        octets = np.minimum(octets, 1)  # numpy takes other bytes for neither true nor false
     return octets.view(header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
 
 

@@ -161,6 +161,26 @@ NUMBERS = (
 )
 
 
+def test_masks_come_back_as_truth_values_and_go_into_other_formats_as_0_and_1(tmp_path: Path) -> None:
+    mask = np.arange(len(POINTS)) % 2 == 0
+    np.savez(tmp_path / "a.npz", points=POINTS, mask=mask)
+    cloud = read(tmp_path / "a.npz")
+    write(tmp_path / "b.npz", cloud, check=True)
+    with np.load(tmp_path / "b.npz") as again:
+        assert again["mask"].dtype == bool
+        np.testing.assert_array_equal(again["mask"], mask)
+    for ending in ("ply", "pcd", "las", "csv"):
+        write(tmp_path / "c", cloud, format=ending, check=True)
+        column = read(tmp_path / "c", text=ending == "csv").attributes["mask"]
+        assert column.astype(int).tolist() == mask.astype(int).tolist()
+
+
+def test_bytes_that_are_neither_true_nor_false_are_true(tmp_path: Path) -> None:
+    mask = np.arange(len(POINTS), dtype=np.uint8)
+    np.savez(tmp_path / "a.npz", points=POINTS, mask=mask.view(bool))
+    assert read(tmp_path / "a.npz").attributes["mask"].view(np.uint8).tolist() == (mask > 0).astype(int).tolist()
+
+
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), compressed=st.booleans())
 def test_round_trip_of_any_arrays(tmp_path: Path, data: st.DataObject, compressed: bool) -> None:

@@ -30,7 +30,6 @@ class Trap:
     "array",
     [
         np.array([Trap()], dtype=object),
-        np.ones(4, bool),
         np.array(["a", "b", "c", "d"]),
         np.array([b"a"]),
         np.ones(4, complex),
@@ -45,6 +44,11 @@ def test_types_that_are_not_real_numbers(refused: Refused, array: Any) -> None:
     assert error.code == "unsupported_dtype"
     assert "'other'" in str(error)
     assert refused(npz(points=array)).code == "unsupported_dtype"
+
+
+def test_truth_values_are_no_coordinates_and_no_normals(refused: Refused) -> None:
+    for arrays in ({"points": POINTS > 0}, {"points": POINTS, "normals": POINTS > 0}):
+        assert refused(npz(**arrays)).code == "unsupported_dtype"
 
 
 def test_text_is_read_only_as_a_scalar_of_our_own(refused: Refused) -> None:
