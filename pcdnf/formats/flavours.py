@@ -33,7 +33,7 @@ class PlyFlavour:
     encoding : str
     properties : tuple of (name, type as spelled)
         In file order, without lists.
-    normals : tuple of str
+    normals, coordinates : tuple of str
         The names of the three components.
     before, after : tuple of Block
         The other elements, such as faces; they come back where no vertex was left out.
@@ -44,6 +44,7 @@ class PlyFlavour:
     normals: tuple[str, str, str] = ("nx", "ny", "nz")
     before: tuple[Block, ...] = ()
     after: tuple[Block, ...] = ()
+    coordinates: tuple[str, str, str] = ("x", "y", "z")
     format: Literal["ply"] = "ply"
 
 

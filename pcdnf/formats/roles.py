@@ -60,6 +60,8 @@ _CANONICAL = {spelled: name for name, spellings in _KNOWN.items() for spelled in
 
 Triple = tuple[str, str, str]
 
+COORDINATES: Triple = ("x", "y", "z")
+
 
 def complete_sets(names: Iterable[str], table: Iterable[Triple]) -> list[Triple]:
     """Every set of the table that ``names`` has all of, as spelled there, in the order of the table."""
@@ -71,6 +73,12 @@ def complete_sets(names: Iterable[str], table: Iterable[Triple]) -> list[Triple]
         for first, second, third in table
         if first in spelled and second in spelled and third in spelled
     ]
+
+
+def find_coordinates(names: Iterable[str]) -> Triple | None:
+    """Find the names of the coordinates, as spelled, those in lower case first; None without coordinates."""
+    names = list(names)
+    return COORDINATES if {*COORDINATES} <= {*names} else next(iter(complete_sets(names, (COORDINATES,))), None)
 
 
 def find_normals(names: Iterable[str]) -> Triple | None:

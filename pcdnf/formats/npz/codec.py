@@ -14,7 +14,7 @@ from ..flavours import NpzFlavour
 from ..limits import FLOATS, Limits, check_count, check_enough
 from ..ply.columns import POINT_MEMBERS
 from ..point_cloud import PointCloud, checked
-from ..roles import complete_sets, find_normals
+from ..roles import find_coordinates, find_normals
 from .archive import NOTE_PREFIX, read_directory
 from .inflate import Member, MemberStream
 from .members import npz_members
@@ -136,7 +136,7 @@ def _table(file: BinaryIO, member: Member, limits: Limits) -> PointCloud | None:
     stream = MemberStream(file, member)
     header = read_array_header(stream, member)
     names = header.dtype.names
-    axes = next(iter(complete_sets(names or (), (("x", "y", "z"),))), None)
+    axes = find_coordinates(names or ())
     if names is None or axes is None or any(header.dtype[axis].shape for axis in axes):
         return None
     check_count(header.shape[0], limits)

@@ -13,7 +13,7 @@ from ..errors import FormatError, shown
 from ..flavours import Block, PlyFlavour
 from ..limits import Limits, check_count, check_enough
 from ..point_cloud import PointCloud, checked
-from ..roles import NORMALS, SPLAT, column_name, find_normals, free_normals
+from ..roles import COORDINATES, NORMALS, SPLAT, column_name, find_coordinates, find_normals, free_normals
 from .columns import Column, ply_columns
 from .elements import BYTE_ORDERS, TYPES, Element
 from .header import ERRORS, Header, header_bytes, read_header
@@ -131,9 +131,10 @@ def _cloud(header: Header, body: Body) -> PointCloud:
     rows = body.rows
     types = {prop.name: TYPES[prop.type] for prop in header.vertex.scalars}
     warnings = _warnings(header, body)
-    if any(types[name][0] != "f" for name in "xyz"):
+    coordinates = find_coordinates(types) or COORDINATES
+    if any(types[name][0] != "f" for name in coordinates):
         warnings.append("The coordinates are stored as integers; the result stores them as float64.")
-    points = _stacked(rows, ("x", "y", "z"), types, np.dtype(np.float64))
+    points = _stacked(rows, coordinates, types, np.dtype(np.float64))
     found = find_normals(types)
     partial = [name for name in types for names in NORMALS if name.lower() in names]
     normals = None
@@ -143,7 +144,7 @@ def _cloud(header: Header, body: Body) -> PointCloud:
             warnings.append(f"The normals are stored as integers; the result stores them as {points.dtype}.")
     elif partial:
         warnings.append(f"Normals need three components; {', '.join(partial)} were kept as other properties.")
-    taken = {"x", "y", "z", *(found or ())}
+    taken = {*coordinates, *(found or ())}
     return PointCloud(
         points=points,
         normals=normals,
@@ -161,6 +162,7 @@ def _cloud(header: Header, body: Body) -> PointCloud:
             found or free_normals(types),
             tuple(body.before),
             tuple(body.after),
+            coordinates,
         ),
         warnings=warnings,
     )

@@ -47,7 +47,7 @@ def ply_columns(cloud: PointCloud) -> tuple[list[Column], list[str]]:
     """
     flavour = cloud.flavour if isinstance(cloud.flavour, PlyFlavour) else PlyFlavour()
     declared = dict(flavour.properties)
-    columns = _role(("x", "y", "z"), cloud.points, declared)
+    columns = _role(flavour.coordinates, cloud.points, declared)
     if cloud.normals is not None:
         columns |= _role(flavour.normals, cloud.normals, declared)
     attributes, notes = numeric_attributes(cloud, "PLY")
@@ -65,8 +65,8 @@ def ply_columns(cloud: PointCloud) -> tuple[list[Column], list[str]]:
                 declared[name] if TYPES.get(declared.get(name, "")) == TYPES[spelled] else spelled,
                 column,
             )
-    order = list(declared) or ["x", "y", "z"]
-    after = max(order.index(name) for name in "xyz") + 1
+    order = list(declared) or [*flavour.coordinates]
+    after = max(order.index(name) for name in flavour.coordinates) + 1
     order[after:after] = [name for name in flavour.normals if name not in declared]
     ordered = [name for name in order if name in columns] + [name for name in columns if name not in order]
     notes += [f"PLY holds per-point values only; {shown(name)} was left out." for name in cloud.extras]

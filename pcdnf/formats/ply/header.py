@@ -14,6 +14,7 @@ from typing import BinaryIO
 from ..comments import MAX_COMMENT_BYTES, MAX_LINE_BYTES, METADATA
 from ..errors import FormatError, shown
 from ..header_errors import HeaderErrors
+from ..roles import COORDINATES, find_coordinates
 from .elements import BYTE_ORDERS, SPELLINGS, TYPES, Element, Property
 
 MAX_PARTS = 256
@@ -178,8 +179,8 @@ def _check_complete(header: Header) -> None:
         ERRORS.wrong("it has no format line")
     vertices = [element for element in header.elements if element.name == "vertex"]
     names = {prop.name for prop in vertices[0].properties if not prop.length_type} if vertices else set()
-    missing = [name for name in "xyz" if name not in names]
-    if missing:
+    if find_coordinates(names) is None:
+        missing = [name for name in COORDINATES if not {name, name.upper()} & names]
         seen = ", ".join(shown(name) for name in sorted(names)[:8]) or "none"
         raise FormatError(
             f"The vertex element has no property {', '.join(missing)}; its properties are: {seen}.",

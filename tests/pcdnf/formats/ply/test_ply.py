@@ -228,6 +228,30 @@ def test_columns_of_confidence_come_back_under_the_name_they_had(tmp_path: Path,
     assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_names_of_coordinates_in_upper_case_come_back(tmp_path: Path, encoding: str) -> None:
+    lines = vertices(2, "float intensity", "float X", "float Y", "float Z")
+    body = np.arange(8, dtype="<f4").tobytes() if encoding != "ascii" else b"0 1 2 3\n4 5 6 7\n"
+    (tmp_path / "a.ply").write_bytes(header(*lines, encoding=encoding) + body)
+    cloud = read(tmp_path / "a.ply")
+    assert cloud.points.tolist() == [[1, 2, 3], [5, 6, 7]]
+    assert list(cloud.attributes) == ["intensity"]
+    write(tmp_path / "b.ply", cloud, check=True)
+    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+    write(tmp_path / "c.pcd", cloud, format="pcd", check=True)
+    assert read(tmp_path / "c.pcd").points.tolist() == cloud.points.tolist()
+
+
+def test_names_of_coordinates_in_lower_case_come_first(tmp_path: Path) -> None:
+    lines = vertices(2, "float X", "float Y", "float Z", *XYZ)
+    (tmp_path / "a.ply").write_bytes(header(*lines) + np.arange(12, dtype="<f4").tobytes())
+    cloud = read(tmp_path / "a.ply")
+    assert cloud.points.tolist() == [[3, 4, 5], [9, 10, 11]]
+    assert list(cloud.attributes) == ["X", "Y", "Z"]
+    write(tmp_path / "b.ply", cloud, check=True)
+    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+
+
 def test_new_columns_of_confidence_get_the_name_that_cloudcompare_needs(tmp_path: Path) -> None:
     cloud = PointCloud(points=np.eye(3), attributes={"confidence": np.ones(3), "label": np.ones(3)})
     write(tmp_path / "a.ply", cloud)
