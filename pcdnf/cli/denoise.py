@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import PcdnfError
-from ..file_formats import TEXT_FORMATS, titles
+from ..file_formats import SUFFIXES, TEXT_FORMATS, titles
 from ..inference.options import check_iterations, check_radius
 from .common import check_writable
 
@@ -213,7 +213,7 @@ def _written(path: Path, cloud: PointCloud, options: argparse.Namespace) -> list
         return write(
             path,
             cloud,
-            format=cloud.flavour.format if as_it_came else None,
+            format=cloud.flavour.format if as_it_came else SUFFIXES.get(ending),
             coordinates=options.coordinates,
             check=True,
         )

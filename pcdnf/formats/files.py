@@ -27,6 +27,7 @@ from .registry import CODECS, COPC, COPC_ENDING
 from .signatures import MAGIC_BYTES, is_ptx, sniff
 
 _OWN_TYPES = ("las", "laz", "e57")
+_LAYOUTS = ("xyz", "csv", "pts")  # of columns of text; a PTX is no table
 
 
 def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bool | None = None) -> PointCloud:
@@ -167,7 +168,7 @@ def format_to_write(path: str | os.PathLike[str], came_as: str) -> str:
             code="unwritten_format",
             hint="Name the result .ply: it also holds the faces of a mesh.",
         )
-    if suffix in ANY_COLUMNS and came_as in TEXT_FORMATS:
+    if suffix in ANY_COLUMNS and came_as in _LAYOUTS:
         return came_as
     return SUFFIXES.get(suffix, came_as)
 

@@ -127,6 +127,18 @@ def test_the_name_of_the_output_picks_the_format(
     assert capsys.readouterr().out == ""
 
 
+def test_another_extension_of_text_has_a_layout_of_its_own(tmp_path: Path) -> None:
+    rows = "".join(f"{x} {y} {z} -900\n" for x, y, z in wave(0.01))
+    (tmp_path / "a.pts").write_text(f"{COUNT}\n{rows}")
+    (tmp_path / "a.txt").write_text(rows.replace(" ", ","))
+    for source, name in (("a.pts", "b.xyz"), ("a.txt", "c.txt"), ("a.txt", "c.xyz")):
+        paths = [str(tmp_path / source), "-o", str(tmp_path / name)]
+        assert main(["denoise", *paths, "--quiet", "--iterations", "1"]) == 0
+    assert read(tmp_path / "b.xyz").normals is not None, "a PTS has no place for them, an XYZ has"
+    assert "," in (tmp_path / "c.txt").read_text()
+    assert "," not in (tmp_path / "c.xyz").read_text()
+
+
 def test_a_result_is_repeatable_and_its_metadata_do_not_pile_up(noisy: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "a.ply", tmp_path / "b.ply"
     for output in (first, second):

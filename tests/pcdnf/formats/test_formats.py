@@ -265,6 +265,10 @@ def test_text_of_any_columns_keeps_its_layout(tmp_path: Path) -> None:
     write(tmp_path / "b.txt", read(tmp_path / "a.txt"))
     write(tmp_path / "b.pts", read(tmp_path / "a.txt"))
     assert "," in (tmp_path / "b.txt").read_text()
+    scan = f"{len(POINTS)}\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    (tmp_path / "a.ptx").write_text(scan + "".join(f"{x} {y} {z} 0.5\n" for x, y, z in POINTS))
+    write(tmp_path / "c.txt", read(tmp_path / "a.ptx"))
+    np.testing.assert_allclose(read(tmp_path / "c.txt").points, POINTS, rtol=1e-6)
     assert "," not in (tmp_path / "b.pts").read_text()
 
 
