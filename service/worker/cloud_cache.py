@@ -7,30 +7,43 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+from pcdnf.denoiser import Cloud, Denoiser
 
 IDLE_SECONDS = 30.0
 """Time that a cloud stays after the last shard of its job: the next shard may follow."""
 
 POLL_SECONDS = 1.0
 
-Cloud = TypeVar("Cloud")
+Item = TypeVar("Item")
 
 
-class CloudCache(Generic[Cloud]):
+@dataclass
+class PreparedCloud:
+    """The cloud of one iteration, made ready for its tiles; `order` sums up that of its points."""
+
+    iteration: int
+    denoiser: Denoiser
+    cloud: Cloud
+    order: int
+
+
+class CloudCache(Generic[Item]):
     """The prepared cloud of each job that this worker works on."""
 
     def __init__(self) -> None:
-        self._clouds: dict[str, Cloud] = {}
+        self._clouds: dict[str, Item] = {}
         self._users: Counter[str] = Counter()
         self._idle_since: dict[str, float] = {}
         self._preparing: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
 
-    def get(self, job_id: str) -> Cloud | None:
+    def get(self, job_id: str) -> Item | None:
         """Return the cloud of a job, or None."""
         return self._clouds.get(job_id)
 
-    def put(self, job_id: str, cloud: Cloud) -> None:
+    def put(self, job_id: str, cloud: Item) -> None:
         """Keep the cloud of a job."""
         self._clouds[job_id] = cloud
 

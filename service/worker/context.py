@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import sqlalchemy as sa
 
@@ -16,16 +15,13 @@ from ..jobs.worker_registry import Workers
 from ..settings import Settings
 from ..storage.base import Storage
 from ..telemetry import logs, tracing
-from .cloud_cache import CloudCache
+from .cloud_cache import CloudCache, PreparedCloud
 from .in_flight import InFlight
 from .metrics import WorkerMetrics
 from .model_cache import ModelCache
 from .peers import Peers
 from .scheduler import Scheduler
 from .speeds import Speeds
-
-if TYPE_CHECKING:
-    from .prepared import Prepared
 
 
 class Runtime:
@@ -63,7 +59,7 @@ class Runtime:
         self.shards = Shards(engine)
         self.metrics = WorkerMetrics()
         self.speeds = Speeds()
-        self.clouds: CloudCache[Prepared] = CloudCache()
+        self.clouds: CloudCache[PreparedCloud] = CloudCache()
         self.in_flight = InFlight()
         self.peers = Peers(models, Workers(engine), settings)
 

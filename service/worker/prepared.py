@@ -9,13 +9,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from pcdnf.denoiser import Cloud, Denoiser, Plan, iteration_seed
+from pcdnf.denoiser import Denoiser, Plan, iteration_seed
 from pcdnf.errors import PcdnfError
 from pcdnf.formats.scanner_positions import known_sides
 from pcdnf.inference.unit_frame import UnitFrame
 
 from ..jobs.job import Job
 from .artifacts import load_arrays, read_upload
+from .cloud_cache import PreparedCloud
 from .context import Runtime
 from .progress import Progress
 
@@ -33,17 +34,7 @@ class Pass:
     order: int | None = None
 
 
-@dataclass
-class Prepared:
-    """The cloud of one iteration made ready, kept in memory between the tiles; `order` sums up that of its points."""
-
-    iteration: int
-    denoiser: Denoiser
-    cloud: Cloud
-    order: int
-
-
-def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
+def prepared(runtime: Runtime, job: Job, now: Pass) -> PreparedCloud:
     """Return the cloud of an iteration, prepared now unless it was kept.
 
     Raises
@@ -67,7 +58,7 @@ def prepared(runtime: Runtime, job: Job, now: Pass) -> Prepared:
     return cached
 
 
-def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepared:
+def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> PreparedCloud:
     iteration = now.iteration
     with runtime.at_work(job, progress.check), runtime.stage("prepare"):
         runtime.clouds.remove(job.id)  # the cloud before may be large
@@ -91,7 +82,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
             came=given.points,
             oriented=given.normals is not None,
         )
-        fresh = Prepared(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
+        fresh = PreparedCloud(iteration, denoiser, cloud, zlib.crc32(cloud.order.tobytes()))
         runtime.clouds.put(job.id, fresh)
         return fresh
 
