@@ -26,7 +26,7 @@ from .readback import check_written
 from .registry import CODECS, COPC, COPC_ENDING
 from .signatures import MAGIC_BYTES, is_ptx, sniff
 
-_OWN_TYPES = ("las", "laz", "e57")
+_OWN_TYPES = ("las", "laz", "e57", "csv", "pts", "ptx")  # or without a place for an offset
 _LAYOUTS = ("xyz", "csv", "pts")  # of columns of text; a PTX is no table
 
 
@@ -120,8 +120,8 @@ def write(
         By default the one of the path's extension, or of the cloud if the extension is none or unknown. If it is the
         format in which the cloud came, encoding, types, names and order stay.
     coordinates : {"keep", "float32", "float64"}
-        The type of the coordinates; float32 far from the origin are moved by an offset, which is recorded. LAS, LAZ
-        and E57 have types of their own.
+        The type of the coordinates; float32 far from the origin are moved by an offset, which is recorded. LAS, LAZ,
+        E57 and text without comments keep types of their own.
     check : bool
         Whether the file is read back, and compared with the cloud, before it takes the place of ``path``.
 
@@ -140,7 +140,7 @@ def write(
     name = format or format_to_write(path, cloud.flavour.format)
     check_available(name)
     codec = COPC if name == "laz" and os.fspath(path).lower().endswith(COPC_ENDING) else CODECS[name]
-    typed, moved = (cloud, []) if codec.name in _OWN_TYPES else with_coordinates(cloud, coordinates)
+    typed, moved = _typed(cloud, codec, coordinates)
     if codec.name == "pcd" and coordinates == "float64" and not isinstance(typed.flavour, PcdFlavour):
         typed = replace(typed, flavour=PcdFlavour(), attributes=renamed(typed.attributes))
     stored, notes = _storable(typed, codec)
@@ -151,6 +151,15 @@ def write(
             file.flush()
             check_written(file, os.fstat(file.fileno()).st_size, stored, codec)
     return notes
+
+
+def _typed(cloud: PointCloud, codec: Codec, coordinates: Coordinates) -> tuple[PointCloud, list[str]]:
+    """Return the cloud with coordinates of the wanted type if the format has it, and sentences on that."""
+    if codec.name not in _OWN_TYPES:
+        return with_coordinates(cloud, coordinates)
+    title = FORMATS[codec.name].title
+    is_left = coordinates == "float32"
+    return cloud, [f"{title} has coordinates of its own type, so they were not moved for float32."] if is_left else []
 
 
 def format_to_write(path: str | os.PathLike[str], came_as: str) -> str:

@@ -40,6 +40,14 @@ def test_float32_moves_far_clouds_and_writes_the_offset_down(tmp_path: Path, end
     assert write(tmp_path / "a", PointCloud(points=NEAR), format=ending, coordinates="float32") == []
 
 
+@pytest.mark.parametrize("ending", ["las", "laz", "e57", "csv", "pts", "ptx"])
+def test_nothing_is_moved_where_the_offset_has_no_place(tmp_path: Path, ending: str) -> None:
+    cloud = PointCloud(points=NEAR + OFFSET)
+    notes = write(tmp_path / "a", cloud, format=ending, coordinates="float32", check=True)
+    assert any("were not moved for float32" in note for note in notes)
+    np.testing.assert_allclose(read(tmp_path / "a", text=True).points, cloud.points, atol=2e-3)
+
+
 def test_float64_gives_a_pcd_with_doubles(tmp_path: Path) -> None:
     cloud = PointCloud(points=NEAR + OFFSET, attributes={"scalar_Intensity": np.arange(400)})
     assert write(tmp_path / "a", cloud, format="pcd", coordinates="float64") == []
