@@ -144,7 +144,7 @@ def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool, copc: bool
     else:
         flavour, told = (known, []) if copc else _without_index(known)
     grid, refined = grid_for(cloud.points, known.grid if known else None)
-    columns, extras = las_columns(cloud, attributes, flavour)
+    columns, extras, ranges = las_columns(cloud, attributes, flavour)
     dtype = record_dtype(flavour.point_format, extras)
     if dtype.itemsize > LARGEST_RECORD:
         raise FormatError(
@@ -164,7 +164,7 @@ def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool, copc: bool
         assembly.write_laz(file)
     else:
         assembly.write_las(file)
-    return notes + told + refined
+    return notes + told + ranges + refined
 
 
 def _without_index(flavour: LasFlavour) -> tuple[LasFlavour, list[str]]:

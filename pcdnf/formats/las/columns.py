@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..attributes import renamed, with_colours, with_intensity
 from ..colours import WORD
+from ..errors import shown
 from ..flavours import LasFlavour
 from ..point_cloud import PointCloud
 from ..roles import CHANNELS
@@ -82,8 +83,8 @@ def _whole(name: str, column: NDArray[Any]) -> NDArray[Any]:
 
 def las_columns(
     cloud: PointCloud, attributes: dict[str, NDArray[Any]], flavour: LasFlavour
-) -> tuple[dict[str, NDArray[Any]], tuple[Extra, ...]]:
-    """Columns by the names of dimensions, and the extra dimensions, those the file had first."""
+) -> tuple[dict[str, NDArray[Any]], tuple[Extra, ...], list[str]]:
+    """Columns by the names of dimensions, the extra dimensions, those the file had first, and notes on their names."""
     extras = list(flavour.extras)
     known = {extra.name: extra for extra in extras}
     probe = np.zeros(len(cloud), record_dtype(flavour.point_format, ()))
@@ -95,6 +96,8 @@ def las_columns(
         columns |= {name: cloud.normals[:, axis] for axis, name in enumerate(flavour.normals) if name in known}
     taken = {*known, "X", "Y", "Z", *(field[0] for field in RECORDS[flavour.point_format])}
     taken |= {part for parts in bits_of(flavour.point_format).values() for part, _ in parts}
+    strange = [shown(name) for name in homeless if name in taken and name != "intensity"]
+    notes = [f"LAS has another range of {', '.join(strange)}; those of the cloud became further columns."]
     for name, column in homeless.items():
         table = column.reshape(len(column), -1) if column.ndim > 1 else column[:, None]
         for index, part in enumerate(table.T):
@@ -106,4 +109,4 @@ def las_columns(
             taken.add(fresh)
             extras.append(new_extra(fresh, kind))
             columns[fresh] = part
-    return columns, tuple(extras)
+    return columns, tuple(extras), notes if strange else []

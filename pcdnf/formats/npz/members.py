@@ -39,7 +39,7 @@ def npz_members(cloud: PointCloud) -> tuple[dict[str, NDArray[Any]], list[str]]:
         members["normals"] = cloud.normals.astype(stored, copy=False)
     reserved = set() if flavour else ROLE_MEMBERS
     for name, values in [*attributes.items(), *cloud.extras.items()]:
-        legal = re.sub(r"[\x00-\x1f/\\]", "_", name)
+        legal = re.sub(r"[\x00-\x1f/\\]", "_", name) or "_"
         members[fresh_name(legal, members.keys() | reserved)] = values
     order = flavour.members if flavour else ()
     ordered = {name: members[name] for name in order if name in members} | members

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..attributes import numeric_attributes, renamed, with_colours
-from ..colours import BYTE, sixteen_bit_intensity
+from ..colours import BYTE, WORD
 from ..comments import MAX_LINE_BYTES
 from ..errors import shown
 from ..flavours import PtxFlavour, PtxScan
@@ -150,6 +150,8 @@ def write_ptx(file: BinaryIO, cloud: PointCloud) -> list[str]:
     places = {"intensity", *CHANNELS, *((SCAN_INDEX,) if known else ())}
     lost = [shown(name) for name in (*attributes, *cloud.extras) if name not in places]
     notes += [f"PTX holds intensity and colours only; left out were: {', '.join(lost)}."] if lost else []
+    full = _full_intensity(attributes["intensity"]) if "intensity" in attributes else 1
+    notes += [f"PTX has intensities from 0 to 1; those of the cloud were divided by {full:g}."] if full != 1 else []
     scans = known.scans if known else (PtxScan(1, len(cloud)),)
     index = attributes.get(SCAN_INDEX) if known and len(scans) > 1 else None
     for number, scan in enumerate(scans):
@@ -162,16 +164,20 @@ def write_ptx(file: BinaryIO, cloud: PointCloud) -> list[str]:
 def _values(attributes: dict[str, NDArray[Any]], rows: NDArray[Any]) -> list[NDArray[Any]]:
     """Intensity from 0 to 1, then colours."""
     intensity = attributes.get("intensity")
-    values = np.full(len(rows), 0.5) if intensity is None else intensity.astype(np.float64)[rows]
-    if intensity is not None and intensity.dtype.kind in "iu":
-        whole, _ = sixteen_bit_intensity(intensity)
-        top = max(1, int(intensity.max()))
-        values = values / (BYTE if top <= BYTE else 65535 if whole is not None else top)
+    values = np.full(len(rows), 0.5) if intensity is None else intensity[rows] / _full_intensity(intensity)
     colours = [attributes.get(name) for name in CHANNELS]
     return [
         values.astype(np.float32),
         *(column[rows] for column in colours if column is not None and column.dtype == np.uint8),
     ]
+
+
+def _full_intensity(intensity: NDArray[Any]) -> float:
+    """Return the value that stands for full intensity: 1, or the highest of 8 bits, of 16 bits, or of the cloud."""
+    top = float(np.max(intensity, where=np.isfinite(intensity), initial=0))
+    if intensity.dtype.kind == "f" and top <= 1:
+        return 1
+    return next(most for most in (BYTE, WORD, top) if top <= most)
 
 
 def _write_scan(file: BinaryIO, points: NDArray[Any], scan: PtxScan, values: list[NDArray[Any]]) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, count
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -85,6 +86,7 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
     elif cloud.normals is not None:
         columns |= {name: _shortest(cloud.normals[:, axis]) for axis, name in enumerate(flavour.normals)}
     named = cloud.attributes if isinstance(cloud.flavour, XyzFlavour) else renamed(cloud.attributes)
+    declared = dict(flavour.columns)
     for name, values in named.items():
         if name in channels:
             continue
@@ -94,9 +96,10 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
             )
             continue
         table = values.reshape(len(values), -1) if values.ndim > 1 else values[:, None]
-        known = name if name in dict(flavour.columns) else _word(name, flavour)
+        known = name if name in declared else _word(name, flavour)
         for index, column in enumerate(table.T):
-            columns[known if table.shape[1] == 1 else f"{known}_{index}"] = column
+            part = known if table.shape[1] == 1 else f"{known}_{index}"
+            columns[part if part in declared else _free(part, columns)] = column
     order = [name for name, _ in flavour.columns if name in columns]
     if flavour.counted and not flavour.columns:
         order = [name for name in (*"xyz", "intensity", *CHANNELS) if name in columns]
@@ -109,6 +112,12 @@ def _columns(cloud: PointCloud, flavour: XyzFlavour) -> tuple[dict[str, NDArray[
 def _word(name: str, flavour: XyzFlavour) -> str:
     """Return a name without the characters that separate names."""
     return "_".join(name.replace(flavour.separator, " ").split()) or "column"
+
+
+def _free(name: str, taken: Iterable[str]) -> str:
+    """Return the name, or the name with a number, that no other column has in upper or lower case."""
+    lower = {one.lower() for one in taken}
+    return next(one for one in chain([name], (f"{name}_{n}" for n in count(2))) if one.lower() not in lower)
 
 
 def _shortest(column: NDArray[Any]) -> NDArray[Any]:

@@ -329,3 +329,21 @@ def test_without_its_library_laz_says_what_to_install(
 def test_point_formats_have_the_sizes_of_the_standard() -> None:
     sizes = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67]
     assert [np.dtype(list(fields)).itemsize for fields in RECORDS.values()] == sizes
+
+
+def test_values_beyond_the_range_of_a_dimension_are_kept_with_a_warning(tmp_path: Path) -> None:
+    columns = {
+        "classification": np.array([2, 300, 3]),
+        "number_of_returns": np.array([1, 2, 16]),
+        "red": np.array([-1.0, 0, 1]),
+        "green": np.zeros(3),
+        "blue": np.zeros(3),
+        "user_data": np.array([0, 1, 255]),
+    }
+    notes = write(tmp_path / "a.las", PointCloud(points=np.eye(3), attributes=columns), check=True)
+    (note,) = [note for note in notes if "another range" in note]
+    assert note.startswith("LAS has another range of 'classification', 'number_of_returns', 'red';")
+    found = read(tmp_path / "a.las").attributes
+    assert found["classification_1"].tolist() == [2, 300, 3]
+    assert found["red_1"].tolist() == [-1, 0, 1]
+    assert found["user_data"].tolist() == [0, 1, 255]

@@ -84,3 +84,20 @@ def test_refusals(tmp_path: Path, change: tuple[str, str], code: str) -> None:
     with pytest.raises(FormatError) as caught:
         read(tmp_path / "a.ptx")
     assert caught.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("intensity", "full"),
+    [
+        (np.array([0, 51, 255], np.uint8), 255),
+        (np.array([0, 13107, 4000], np.uint16), 65535),
+        (np.array([0, 100000, 500000], np.int64), 500000),
+        (np.array([0, 0.2, 1], np.float32), 1),
+        (np.array([0, 51, 254.5], np.float32), 255),
+        (np.array([np.nan, 0.2, np.inf], np.float64), 1),
+    ],
+)
+def test_intensity_of_other_formats_is_spread_over_0_to_1(tmp_path: Path, intensity: np.ndarray, full: float) -> None:
+    notes = write(tmp_path / "a.ptx", PointCloud(points=np.eye(3), attributes={"intensity": intensity}), format="ptx")
+    assert any(f"divided by {full:g}" in note for note in notes) == (full != 1)
+    np.testing.assert_allclose(read(tmp_path / "a.ptx").attributes["intensity"], intensity / full, rtol=1e-6)

@@ -296,3 +296,12 @@ def test_too_many_columns_to_write(tmp_path: Path) -> None:
     with pytest.raises(FormatError) as caught:
         write(tmp_path / "out", cloud, format="xyz")
     assert caught.value.code == "cannot_store"
+
+
+def test_names_that_differ_by_case_or_blanks_only_get_numbers(tmp_path: Path) -> None:
+    names = ("Intensity", "intensity", "X", "a b", "a_b", "")
+    columns = {name: np.full(3, number) for number, name in enumerate(names)}
+    for ending in ("xyz", "csv", "npz"):
+        write(tmp_path / "a", PointCloud(points=np.eye(3), attributes=columns), format=ending, check=True)
+        found = read(tmp_path / "a", text=ending != "npz").attributes
+        assert [int(column[0]) for column in found.values()] == list(range(6)), ending
