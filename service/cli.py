@@ -72,7 +72,7 @@ def serve(arguments: argparse.Namespace) -> NoReturn:
     from .startup import configure_logs, load_settings, make_data_dir, refuse
 
     settings = load_settings()
-    make_data_dir(settings)
+    make_data_dir(settings, thorough=True)
     configure_logs(settings)
     try:
         serve(settings)

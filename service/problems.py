@@ -54,6 +54,8 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "draining": (503, "Service is draining"),
     "stopping": (503, "Service is stopping"),
     "database_unavailable": (503, "Job database unavailable"),
+    "database_corrupt": (503, "Job database damaged"),
+    "data_read_only": (503, "Data folder read-only"),
     "storage_unavailable": (503, "Storage unavailable"),
     # How a job may fail; shown in the job's `problem`.
     "worker_lost": (500, "Worker crashed"),
@@ -131,6 +133,29 @@ def disk_full() -> Problem:
         hint="Try again after the number of seconds in Retry-After.",
         headers={"Retry-After": "60"},
     )
+
+
+_DATABASE = {
+    "database_corrupt": "The job database of the service is damaged.",
+    "data_read_only": "The service cannot write into its data folder.",
+}
+
+
+def database_problem(damage: str | None) -> Problem:
+    """Return the problem for a job database or data folder that cannot be used.
+
+    Parameters
+    ----------
+    damage : str or None
+        ``database_corrupt``, ``data_read_only`` or ``database_locked``; None if it is not known what is wrong.
+    """
+    if damage in _DATABASE:
+        hint = "Tell the operator of the service: `pcdnf doctor` on its machine says what to do."
+        return Problem(damage, _DATABASE[damage], hint=hint, headers={"Retry-After": "60"})
+    locked = damage == "database_locked"
+    detail = "The job database is locked by another program." if locked else "The job database did not answer."
+    hint = "Try again after the number of seconds in Retry-After."
+    return Problem("database_unavailable", detail, hint=hint, headers={"Retry-After": "5"})
 
 
 def job_expired() -> Problem:

@@ -9,6 +9,7 @@ import ctypes
 import os
 import signal
 import sys
+from contextlib import suppress
 
 EX_CONFIG = 78
 """Exit status of a process that refuses its settings (sysexits.h); the supervisor does not start it again."""
@@ -19,12 +20,25 @@ SUPERVISOR_VARIABLE = "PCDNF_SUPERVISOR_PID"
 SOCKET_VARIABLE = "PCDNF_SOCKET_FD"
 """Environment variable with the file descriptor of the listening socket that the API inherits."""
 
+REFUSAL_VARIABLE = "PCDNF_REFUSAL_FD"
+"""Environment variable with the file descriptor on which a child says why it refuses to run."""
+
 _PR_SET_PDEATHSIG = 1
 
 
 def is_supervised() -> bool:
     """Return whether the parent of this process is a supervisor that still runs."""
     return os.environ.get(SUPERVISOR_VARIABLE) == str(os.getppid())
+
+
+def say_refusal(text: str) -> None:
+    """Say why this process refuses to run: on standard error, or to the supervisor, which prints it last."""
+    line = f"pcdnf: {text}"
+    if is_supervised() and REFUSAL_VARIABLE in os.environ:
+        with suppress(OSError):
+            os.write(int(os.environ[REFUSAL_VARIABLE]), f"{line}\n".encode())
+            return
+    print(line, file=sys.stderr)
 
 
 def end_with_supervisor() -> None:

@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 
 import pcdnf
 
+from ..database.damage import Checkup
 from ..database.engine import create_engine
 from ..database.migrations import migrate
 from ..jobs.retention import SCRATCH_SECONDS, Retention
@@ -27,6 +28,7 @@ from .intake.idempotency import Claims
 from .intake.inspection import Inspector
 from .metrics import ApiMetrics, Deployment
 from .middleware.access_log import AccessLog
+from .middleware.compression import Compression
 from .middleware.guard import Guard
 from .middleware.same_origin import Origins
 from .openapi import errors
@@ -40,6 +42,8 @@ from .watch import Watch
 log = logging.getLogger(__name__)
 
 STORAGE_SECONDS = 15.0  # that a caller waits for a storage that does not answer
+LOCK_SECONDS = 4.0  # that a caller waits for a job database that another program has locked
+CONNECTIONS = 40  # to SQLite, as many as there are threads for requests, so that no request waits for one
 CLEAR_SECONDS = 3600.0
 
 
@@ -66,6 +70,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.settings = settings
     app.state.keys = Keys.of(settings)
     app.state.rates = Rates(settings.caller_requests_per_minute)
+    app.add_middleware(Compression)
     app.add_middleware(Origins, settings=settings)
     app.state.shutdown = Shutdown()
     app.state.metrics = ApiMetrics()
@@ -84,7 +89,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     settings: Settings = app.state.settings
     await run_in_threadpool(migrate, settings)
-    engine = create_engine(settings)
+    engine = create_engine(settings, busy_seconds=LOCK_SECONDS, most=CONNECTIONS)
     storage = await run_in_threadpool(partial(open_storage, settings, patience=STORAGE_SECONDS))
     app.state.engine, app.state.storage = engine, storage
     app.state.jobs = await run_in_threadpool(Jobs, engine, storage, settings)
@@ -92,6 +97,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.claims = Claims(engine)
     app.state.watch = Watch(app.state.jobs, settings.max_streams)
     app.state.workers = Workers(engine)
+    app.state.checkup = Checkup(settings)
     sandbox = Sandbox(settings)
     app.state.inspector = Inspector(sandbox, settings)
     app.state.converter = Converter(sandbox, app.state.jobs, storage, app.state.retention)

@@ -15,7 +15,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match, Route
 
-from ..problems import Problem, disk_full, from_validation, unexpected
+from ..database.damage import damage_of
+from ..problems import Problem, database_problem, disk_full, from_validation, unexpected
 from ..storage.base import StorageError
 
 log = logging.getLogger(__name__)
@@ -100,17 +101,19 @@ def install(app: FastAPI) -> None:
     async def on_database(request: Request, error: Exception) -> JSONResponse:
         if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
             return respond(disk_full(), request)
-        log.error("database error: %s", type(error).__name__, exc_info=error)
-        problem = Problem(
-            "database_unavailable", "The job database did not answer.", hint=LATER, headers={"Retry-After": "5"}
-        )
-        return respond(problem, request)
+        damage = damage_of(error)
+        log.error("database error: %s", damage or type(error).__name__, exc_info=None if damage else error)
+        return respond(database_problem(damage), request)
 
     async def on_system(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, OSError)
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return respond(disk_full(), request)
+        damage = damage_of(error)
+        if damage is None:
             raise error
-        return respond(disk_full(), request)
+        log.error("data folder: %s", damage)
+        return respond(database_problem(damage), request)
 
     async def on_storage(request: Request, error: Exception) -> JSONResponse:
         log.error("storage error on %s: %s", request.url.path, error)

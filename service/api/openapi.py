@@ -32,6 +32,8 @@ EVERYWHERE = (
     "internal_error",
     "too_busy",
     "database_unavailable",
+    "database_corrupt",
+    "data_read_only",
 )
 CALLER = ("not_authenticated", "too_many_requests")
 JOB = (*CALLER, "invalid_parameters", "job_not_found", "job_expired")

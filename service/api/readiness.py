@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
+from ..database.damage import SENTENCES, Checkup, damage_of
 from ..jobs import drain_switch
 from ..jobs.worker_registry import Workers
 from ..problems import Problem
@@ -42,7 +43,13 @@ class Readiness(BaseModel):
 
 
 def readiness(
-    workers: Workers, engine: sa.Engine, storage: Storage, settings: Settings, *, stopping: bool = False
+    workers: Workers,
+    engine: sa.Engine,
+    storage: Storage,
+    settings: Settings,
+    checkup: Checkup,
+    *,
+    stopping: bool = False,
 ) -> Readiness:
     """Return the state of the service.
 
@@ -52,6 +59,7 @@ def readiness(
         503 ``not_ready``, naming every check that failed.
     """
     failed = ["The service is stopping."] if stopping else []
+    damage = checkup.damage()
     views: list[WorkerView] = []
     try:
         with engine.connect() as connection:
@@ -71,8 +79,12 @@ def readiness(
         if not any(view.state == "ready" for view in views):
             states = {view.state for view in views}
             failed.append(next((text for state, text in NOT_YET.items() if state in states), "No worker is running."))
-    except SQLAlchemyError:
-        failed.append("The job database does not answer.")
+    except SQLAlchemyError as error:
+        damage = damage or damage_of(error)
+        if damage is None:
+            failed.append("The job database does not answer.")
+    if damage is not None:
+        failed.append(SENTENCES[damage])
     try:
         storage.check()
     except StorageError:
@@ -85,9 +97,12 @@ def readiness(
         raise Problem(
             "not_ready",
             " ".join(failed),
-            hint="Wait until the service has started. If this goes on, run `pcdnf doctor` on its machine.",
+            hint="Run `pcdnf doctor` on the machine of the service: it says what to do."
+            if damage
+            else "Wait until the service has started. If this goes on, run `pcdnf doctor` on its machine.",
             headers={"Retry-After": "2"},
             workers=shown,
             free_bytes=free,
+            damage=damage,
         )
     return Readiness(workers=views, free_bytes=free)

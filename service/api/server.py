@@ -13,7 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from ..settings import Settings, SettingsError
-from ..startup import load_settings, make_data_dir, observe, refuse
+from ..startup import load_settings, make_data_dir, observe, refuse, upgrade_database
 from ..storage.open import open_storage
 from ..supervision import SOCKET_VARIABLE, end_with_supervisor, is_supervised
 from ..telemetry import tracing
@@ -75,6 +75,7 @@ def main() -> None:
     make_data_dir(settings)
     observe(settings, "pcdnf-api")
     end_with_supervisor()
+    upgrade_database(settings)
     try:
         app = create_app(settings)
         open_storage(settings, patience=STORAGE_SECONDS)  # to report a wrong setting without a traceback

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import sqlalchemy as sa
 from fastapi import Depends, Request
 
+from ..database.damage import Checkup
 from ..jobs.retention import Retention
 from ..jobs.store import Jobs
 from ..jobs.worker_registry import Workers
@@ -37,6 +38,7 @@ class State:
     claims: Claims
     watch: Watch
     workers: Workers
+    checkup: Checkup
     inspector: Inspector
     converter: Converter
 

@@ -16,7 +16,7 @@ import sqlalchemy as sa
 from ..settings import Settings
 
 ADMISSION_LOCK = 7262734  # of PostgreSQL, any number but that of another lock
-SQLITE_BUSY_MS = 30_000
+SQLITE_BUSY_SECONDS = 30.0
 IDLE_SECONDS = 10.0  # after which PostgreSQL takes its locks from a process that froze in a transaction, or was cut off
 CONNECTION: dict[str, int] = {  # to PostgreSQL; without these a lost machine goes unnoticed for hours
     "connect_timeout": 10,  # seconds, as are the keepalives'
@@ -27,8 +27,17 @@ CONNECTION: dict[str, int] = {  # to PostgreSQL; without these a lost machine go
 }
 
 
-def create_engine(settings: Settings) -> sa.Engine:
-    """Return the engine of the job database; nothing is created yet."""
+def create_engine(settings: Settings, *, busy_seconds: float = SQLITE_BUSY_SECONDS, most: int = 10) -> sa.Engine:
+    """Return the engine of the job database; nothing is created yet.
+
+    Parameters
+    ----------
+    settings : Settings
+    busy_seconds : float
+        How long a statement waits for a lock of SQLite before it fails.
+    most : int
+        Connections of SQLite at a time.
+    """
     url = settings.resolved_database_url
     if not url.startswith("sqlite"):
         given = sa.make_url(url).query  # an operator's own go first
@@ -50,9 +59,9 @@ def create_engine(settings: Settings) -> sa.Engine:
     # One writer at a time, and it waits: BEGIN IMMEDIATE takes the lock before the first write, not in its middle.
     engine = sa.create_engine(
         url,
-        pool_size=10,
+        pool_size=most,
         max_overflow=0,
-        connect_args={"timeout": SQLITE_BUSY_MS / 1000},
+        connect_args={"timeout": busy_seconds},
         hide_parameters=True,  # errors are logged, and callers' file names are none of the log's affair
     )
 
@@ -64,7 +73,7 @@ def create_engine(settings: Settings) -> sa.Engine:
     @sa.event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _record: object) -> None:
         connection.isolation_level = "IMMEDIATE"
-        connection.execute(f"PRAGMA busy_timeout={SQLITE_BUSY_MS}")
+        connection.execute(f"PRAGMA busy_timeout={int(busy_seconds * 1000)}")
         connection.execute("PRAGMA foreign_keys=ON")
         connection.execute("PRAGMA synchronous=FULL")  # an accepted job survives a power loss
 

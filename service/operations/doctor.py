@@ -22,6 +22,7 @@ from pcdnf.errors import PcdnfError
 
 from ..api.auth import Keys
 from ..api.listener import bind
+from ..database.damage import DamageError, check_file, damage_of
 from ..database.engine import create_engine
 from ..database.migrations import lacking
 from ..jobs import drain_switch
@@ -41,12 +42,13 @@ NOT_READY_ADVICE = "If it has just been started, wait a little. Otherwise look a
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of one check; `advice` says how to repair what is not ok."""
+    """The result of one check; `advice` says how to repair what is not ok, `code` is stable where there is one."""
 
     about: str
     level: Level
     text: str
     advice: str | None = None
+    code: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return it as a JSON object."""
@@ -130,7 +132,7 @@ def _data_folder(settings: Settings) -> Iterator[Finding]:
         probe.write_bytes(b"pcdnf")
         probe.unlink()
     except OSError as error:
-        yield Finding("data", "problem", f"{there} is not writable: {error.strerror}.", advice)
+        yield Finding("data", "problem", f"{there} is not writable: {error.strerror}.", advice, "data_read_only")
         return
     text = f"{folder} is writable" if there == folder else f"{folder} can be created"
     yield Finding("data", "ok", text)
@@ -181,7 +183,12 @@ def _database(settings: Settings) -> Iterator[Finding]:
     if sqlite and not Path(name).exists():
         yield Finding("database", "ok", f"{name} will be created at the first start")
         return
-    engine = create_engine(settings)
+    try:
+        check_file(settings, thorough=True)
+    except DamageError as error:
+        yield Finding("database", "problem", error.sentence, error.advice, error.code)
+        return
+    engine = create_engine(settings, busy_seconds=ANSWER_SECONDS)
     try:
         absent = lacking(engine)
         if absent:
@@ -198,6 +205,11 @@ def _database(settings: Settings) -> Iterator[Finding]:
                     "To open it, run: pcdnf drain --off",
                 )
     except SQLAlchemyError as error:
+        code = damage_of(error)
+        if code is not None:
+            damage = DamageError(code, name)
+            yield Finding("database", "problem", damage.sentence, damage.advice, code)
+            return
         text = f"{name} does not answer: {type(error).__name__}."
         yield Finding("database", "problem", text, "Check PCDNF_DATABASE_URL, and whether the server runs.")
     finally:

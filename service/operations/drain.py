@@ -8,6 +8,7 @@ from pathlib import Path
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
+from ..database.damage import DamageError, check_file, damage_of
 from ..database.engine import create_engine
 from ..database.migrations import lacking, migrate
 from ..database.tables import jobs as jobs_table
@@ -58,6 +59,9 @@ def drain(settings: Settings, *, on: bool | None, wait: bool) -> None:
                 return
             time.sleep(LOOK_SECONDS)
     except SQLAlchemyError as error:
+        code = damage_of(error)
+        if code is not None:
+            raise DamageError(code, engine.url.database) from error
         raise SettingsError(
             f"The job database does not answer: {type(error).__name__}. Check PCDNF_DATABASE_URL, and "
             "whether the server runs."
@@ -79,6 +83,7 @@ def _open(settings: Settings) -> sa.Engine:
             f"There is no job database at {url.database}. Set PCDNF_DATA_DIR or --data-dir to the "
             "folder of the service."
         )
+    check_file(settings, thorough=False)
     return create_engine(settings)
 
 

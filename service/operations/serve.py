@@ -7,8 +7,8 @@ import sys
 from typing import NoReturn
 
 from ..api.listener import bind, url
-from ..database.migrations import migrate
 from ..settings import Settings
+from ..startup import upgrade_database
 
 
 def serve(settings: Settings) -> NoReturn:
@@ -23,7 +23,7 @@ def serve(settings: Settings) -> NoReturn:
     """
     settings.check_exposure()
     listener = bind(settings)
-    migrate(settings)
+    upgrade_database(settings)
     os.set_inheritable(listener.fileno(), True)
     options = {
         "--socket": listener.fileno(),

@@ -18,7 +18,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 
-from ..supervision import EX_CONFIG, SOCKET_VARIABLE, SUPERVISOR_VARIABLE
+from ..supervision import EX_CONFIG, REFUSAL_VARIABLE, SOCKET_VARIABLE, SUPERVISOR_VARIABLE
 from ..telemetry import logs
 
 log = logging.getLogger("service.operations.supervisor")  # not __main__
@@ -69,6 +69,8 @@ class Child:
         if status is None:
             return None
         self.process = None
+        if status == EX_CONFIG:
+            return status
         if now - self._began > STEADY_SECONDS:
             self._delay = FIRST_DELAY
         self._due = now + self._delay
@@ -135,10 +137,11 @@ def supervise(listener: socket.socket, url: str, grace_seconds: float) -> int:
     int
         0 after a clean stop, 1 if a process had to be killed, 78 if one refuses its settings.
     """
-    environment = {**os.environ, SUPERVISOR_VARIABLE: str(os.getpid())}
+    refusals, refusal = os.pipe()
+    environment = {**os.environ, SUPERVISOR_VARIABLE: str(os.getpid()), REFUSAL_VARIABLE: str(refusal)}
     descriptor = listener.fileno()
-    api = Child("API", "service.api", environment | {SOCKET_VARIABLE: str(descriptor)}, (descriptor,))
-    worker = Child("worker", "service.worker", environment, ())
+    api = Child("API", "service.api", environment | {SOCKET_VARIABLE: str(descriptor)}, (descriptor, refusal))
+    worker = Child("worker", "service.worker", environment, (refusal,))
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
@@ -156,7 +159,17 @@ def supervise(listener: socket.socket, url: str, grace_seconds: float) -> int:
     deadline = time.monotonic() + grace_seconds + KILL_MARGIN
     clean = [worker.end(deadline)]
     clean.append(api.end(deadline, repeat=True))  # until now it answered that the service is stopping
+    _print_refusals(refusals, refusal)
     return result or (0 if all(clean) else 1)
+
+
+def _print_refusals(reader: int, writer: int) -> None:
+    """Print why a child refused to run. It is the last line, where a reader looks first."""
+    os.close(writer)
+    os.set_blocking(reader, False)  # a process that a child left behind may hold its end open
+    with open(reader, "rb") as file:
+        sys.stderr.write((file.read() or b"").decode("utf-8", "replace"))
+    sys.stderr.flush()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Callable
 
+from ..database.damage import SENTENCES, damage_of
 from ..jobs.worker_registry import Workers
 from ..settings import Settings
 
@@ -35,7 +36,8 @@ class Heartbeat:
     def stop(self) -> None:
         """Stop beating and leave the table."""
         self._stop.set()
-        self._thread.join()
+        if self._thread.ident is not None:  # it has started
+            self._thread.join()
         self._workers.leave(self._settings.executor_id)
 
     def beat(self) -> None:
@@ -55,5 +57,9 @@ class Heartbeat:
         while not self._stop.wait(self._settings.heartbeat_seconds):
             try:
                 self.beat()
-            except Exception:
-                log.exception("the database did not take a sign of life")
+            except Exception as error:
+                damage = damage_of(error)
+                if damage is None:
+                    log.exception("the database did not take a heartbeat")
+                else:
+                    log.error("%s Run `pcdnf doctor`.", SENTENCES[damage])

@@ -13,6 +13,7 @@ import numba
 import sqlalchemy as sa
 import torch
 
+from ..database.damage import SENTENCES, damage_of
 from ..jobs.retention import Retention
 from ..jobs.store import Jobs
 from ..jobs.worker_registry import Workers
@@ -85,8 +86,12 @@ class Loop:
             heartbeat.job, heartbeat.points_per_second = runtime.scheduler.computing, runtime.speeds.newest
             try:
                 self._look_after_the_queues()
-            except Exception:
-                log.exception("looking after the queues failed; trying again")
+            except Exception as error:
+                damage = damage_of(error)
+                if damage is None:
+                    log.exception("looking after the queues failed; trying again")
+                else:
+                    log.error("%s Run `pcdnf doctor`.", SENTENCES[damage])
         runtime.stop()
         deadline = time.monotonic() + settings.grace_seconds
         heartbeat.state = "stopping"

@@ -21,6 +21,7 @@ HEADER = "X-Request-ID"
 _ID = re.compile(r"[A-Za-z0-9._:-]{1,128}")
 METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 QUIET = ("/livez", "/readyz", "/metrics", "/v2/health/live", "/v2/health/ready")  # logged at level debug
+POLLED = ("/jobs/{job_id}",)  # also, if they were answered well
 UNKNOWN = "none"  # the route of a request that met none; its path is the caller's own words
 
 _timings: ContextVar[dict[str, float] | None] = ContextVar("timings", default=None)
@@ -107,7 +108,7 @@ class AccessLog:
         job = scope.get("path_params", {}).get("job_id")
         with logs.about(**({"job_id": job} if job and _ID.fullmatch(job) else {})):
             log.log(
-                logging.DEBUG if route in QUIET else logging.INFO,
+                logging.DEBUG if _is_quiet(attributes) else logging.INFO,
                 "%s %s %s in %.3f s",
                 method,
                 route,
@@ -115,6 +116,12 @@ class AccessLog:
                 seconds,
                 extra={logs.ATTRIBUTES: attributes | {"duration": round(seconds, 6)}},
             )
+
+
+def _is_quiet(attributes: dict[str, str | int]) -> bool:
+    """Return whether a request is one of many, such as a poll: it would hide the others in the log."""
+    method, route, status = attributes.values()
+    return route in QUIET or (method == "GET" and route in POLLED and status in (200, 304))
 
 
 def _route(scope: Scope) -> str:

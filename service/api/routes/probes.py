@@ -125,7 +125,9 @@ def install(app: FastAPI) -> None:
 
 
 def _readiness(state: State) -> Readiness:
-    return readiness(state.workers, state.engine, state.storage, state.settings, stopping=state.shutdown.begun)
+    return readiness(
+        state.workers, state.engine, state.storage, state.settings, state.checkup, stopping=state.shutdown.begun
+    )
 
 
 def _metadata(name: str) -> ModelMetadata:

@@ -10,6 +10,7 @@ from tests.support.openapi import pointed
 
 EVERYWHERE = {
     "headers_too_slow", "headers_too_large", "cross_site", "internal_error", "too_busy", "database_unavailable",
+    "database_corrupt", "data_read_only",
 }  # fmt: skip
 CALLER = {"not_authenticated", "too_many_requests"}
 JOB = CALLER | {"invalid_parameters", "job_not_found", "job_expired"}

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
+from service.api.app import LOCK_SECONDS
 from service.database.engine import CONNECTION, create_engine
 from service.database.migrations import migrate
 from service.database.tables import jobs as jobs_table
@@ -16,6 +18,7 @@ from service.database.tables import now_ms
 from service.database.tables import outcomes as outcomes_table
 from service.database.tables import workers as workers_table
 from service.settings import Settings
+from tests.support.board import MakeApi
 
 
 def test_processes_may_migrate_at_once(tmp_path: Path) -> None:
@@ -42,6 +45,23 @@ def test_sqlite_is_durable_and_waits_for_its_turn(tmp_path: Path) -> None:
     engine.dispose()
     assert pragmas == {"journal_mode": "wal", "synchronous": 2, "busy_timeout": 30_000, "foreign_keys": 1}
     assert abs(now - time.time() * 1000) < 2000
+
+
+def test_a_caller_waits_no_longer_for_a_lock_than_it_is_told(make_api: MakeApi, tmp_path: Path) -> None:
+    client = make_api()
+    other = sqlite3.connect(tmp_path / "data" / "pcdnf.sqlite", isolation_level=None)
+    other.execute("BEGIN EXCLUSIVE")
+    began = time.monotonic()
+    answer = client.post(
+        "/denoise", content=b"ply", headers={"Content-Type": "application/ply", "Idempotency-Key": "a"}
+    )
+    assert time.monotonic() - began < LOCK_SECONDS + 1
+    assert (answer.status_code, answer.json()["code"]) == (503, "database_unavailable")
+    assert "another program" in answer.json()["detail"]
+    assert int(answer.headers["retry-after"]) > 0
+    assert client.get("/jobs").status_code == 200  # reading goes on
+    other.execute("ROLLBACK")
+    other.close()
 
 
 def test_an_older_database_gets_the_columns_it_lacks(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from service.supervision import EX_CONFIG
 from tests.support.imports import imported
 from tests.support.service_process import Service
 
+STOP_SECONDS = 6.0  # two on a machine that has nothing else to do
+
 
 def _serve(tmp_path: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[str]:
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PCDNF_")}
@@ -50,14 +52,34 @@ def test_refuses_a_bad_setting_by_its_name(tmp_path: Path) -> None:
 def test_a_child_that_refuses_ends_the_service(tmp_path: Path) -> None:
     ended = _serve(tmp_path, "--port", "0", default_model="nothing", grace_seconds="1000")  # which nobody waits for
     assert ended.returncode == EX_CONFIG
-    assert "no model" in ended.stderr
+    last = ended.stderr.splitlines()[-1]
+    assert last.startswith("pcdnf: ")
+    assert "no model" in last
+    assert ended.stderr.count("no model") == 1
+    assert "starting it again" not in ended.stderr
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_stops_cleanly_even_while_starting(tmp_path: Path, number: signal.Signals) -> None:
     service = Service(tmp_path).start(ready=False)
+    began = time.monotonic()
     assert service.stop(number) == 0, service.output()
+    assert time.monotonic() - began < STOP_SECONDS
     assert "Traceback" not in service.output()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("alive", [True, False], ids=["starting again", "not started again yet"])
+def test_stops_at_once_after_its_worker_was_killed(tmp_path: Path, alive: bool) -> None:
+    service = Service(tmp_path, grace_seconds=300).start()
+    killed = service.child("service.worker")
+    os.kill(killed, signal.SIGKILL)
+    if alive:
+        service.wait_child("service.worker", other_than=killed)
+        time.sleep(1.0)  # it loads its libraries
+    began = time.monotonic()
+    assert service.stop() == 0, service.output()
+    assert time.monotonic() - began < STOP_SECONDS
 
 
 def test_the_supervisor_is_small(tmp_path: Path) -> None:

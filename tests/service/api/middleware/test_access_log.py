@@ -85,6 +85,30 @@ def test_the_log_names_routes_jobs_and_ids_but_no_file_and_no_key(
     assert '"request_id": "r7"' in page
 
 
+def test_polls_that_find_nothing_new_are_logged_at_debug(
+    api: httpx.Client, small: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    job = api.post("/denoise", files={"file": small.read_bytes()}).json()
+    polled = api.get(f"/jobs/{job['id']}")
+    api.get(f"/jobs/{job['id']}", headers={"If-None-Match": polled.headers["etag"]})
+    api.get("/jobs/none")
+    api.get("/jobs")
+    seen = [record for record in caplog.records if hasattr(record, ATTRIBUTES)]
+    levels = {
+        (facts["http.route"], facts["http.response.status_code"]): record.levelname
+        for record in seen
+        for facts in [getattr(record, ATTRIBUTES)]
+    }
+    assert levels == {
+        ("/denoise", 202): "INFO",
+        ("/jobs/{job_id}", 200): "DEBUG",
+        ("/jobs/{job_id}", 304): "DEBUG",
+        ("/jobs/{job_id}", 404): "INFO",
+        ("/jobs", 200): "INFO",
+    }
+
+
 def test_errors_of_the_database_show_no_values(board: Board) -> None:
     job = board.submit()
     with pytest.raises(IntegrityError) as caught, board.engine.begin() as connection:
