@@ -63,6 +63,12 @@ SUFFIXES = {suffix: name for name, format_ in FORMATS.items() for suffix in form
 ANY_COLUMNS = (".xyz", ".txt", ".asc")
 """Extensions of text whose columns may stand in any layout, with commas or a count as well as with blanks."""
 
+READ_SUFFIXES = (*SUFFIXES, ".obj", ".off", ".stl", ".npy")
+"""Extensions of files that hold a cloud."""
+
+PACKED_SUFFIXES = (".gz", ".zip")
+"""Extensions of packed files; they are read if they hold one cloud."""
+
 UNWRITTEN_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".splat", ".spz", ".gz", ".zip")
 """Extensions of meshes, splats and packed files, as which no result is written; a PLY holds the faces of a mesh."""
 

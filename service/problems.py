@@ -14,6 +14,7 @@ CATALOGUE: dict[str, tuple[int, str]] = {
     "cross_site": (403, "Request from another site"),
     "not_found": (404, "Page not found"),
     "job_not_found": (404, "Job not found"),
+    "batch_not_found": (404, "Batch not found"),
     "display_not_found": (404, "No preview for this job"),
     "model_not_found": (404, "Model not found"),
     "method_not_allowed": (405, "Method not allowed"),

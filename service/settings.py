@@ -227,6 +227,11 @@ class Settings(BaseSettings):
         return self.database_url.replace("postgresql://", "postgresql+psycopg://", 1)
 
     @property
+    def upload_limit(self) -> int:
+        """Largest upload in bytes that can be accepted: also the queue and the part of one key must hold it."""
+        return min(self.max_upload_bytes, self.max_queued_bytes, self.max_caller_bytes)
+
+    @property
     def executor_id(self) -> str:
         """The stable name of this worker's slot."""
         if self.worker_id is not None:

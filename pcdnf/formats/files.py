@@ -21,6 +21,7 @@ from .errors import FormatError, check_available, shown
 from .flavours import PcdFlavour, PlyFlavour
 from .limits import Limits
 from .mesh.codec import HEAD_BYTES, mesh_kind, read_mesh
+from .packed import is_packed, unpacked
 from .point_cloud import PointCloud
 from .readback import check_written
 from .registry import CODECS, COPC, COPC_ENDING
@@ -36,7 +37,8 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bo
     Parameters
     ----------
     path : path-like
-        A file of a format of :data:`pcdnf.file_formats.FORMATS`, whatever its name.
+        A file of a format of :data:`pcdnf.file_formats.FORMATS`, whatever its name; also packed by gzip, or alone in
+        a zip archive.
     limits : Limits, optional
         What is accepted; by default anything a machine can hold.
     text : bool, optional
@@ -63,19 +65,29 @@ def read(path: str | os.PathLike[str], *, limits: Limits | None = None, text: bo
                 limit=limits.max_bytes,
                 actual=size,
             )
-        head = file.read(HEAD_BYTES)
-        file.seek(0)
-        mesh = mesh_kind(head, size)
-        if mesh is not None:
-            return without_steps(read_mesh(file, mesh, limits))
-        suffix = Path(path).suffix.lower()
-        kind = sniff(head[:MAGIC_BYTES], text=_is_text(path) if text is None else text, suffix=suffix)
-        if kind == "xyz" and (suffix == ".ptx" or (text and is_ptx(file))):
-            kind = "ptx"
-        return without_steps(CODECS[kind].read(file, size, limits))
+        if not is_packed(file):
+            return _read_open(file, path, limits, text)
+        with unpacked(file, Path(path).name, limits.max_bytes) as plain, plain.open("rb") as inside:
+            return _read_open(inside, plain, limits, text or None)
 
 
-def _is_text(path: str | os.PathLike[str]) -> bool:
+def _read_open(file: BinaryIO, path: str | os.PathLike[str], limits: Limits, text: bool | None) -> PointCloud:
+    """Read an open file that is not packed; its name counts where its first bytes say nothing."""
+    size = os.fstat(file.fileno()).st_size
+    head = file.read(HEAD_BYTES)
+    file.seek(0)
+    mesh = mesh_kind(head, size)
+    if mesh is not None:
+        return without_steps(read_mesh(file, mesh, limits))
+    suffix = Path(path).suffix.lower()
+    kind = sniff(head[:MAGIC_BYTES], text=is_text(path) if text is None else text, suffix=suffix)
+    if kind == "xyz" and (suffix == ".ptx" or (text and is_ptx(file))):
+        kind = "ptx"
+    return without_steps(CODECS[kind].read(file, size, limits))
+
+
+def is_text(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is columns of text by its name."""
     return SUFFIXES.get(Path(path).suffix.lower()) in TEXT_FORMATS
 
 

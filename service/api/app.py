@@ -34,7 +34,7 @@ from .middleware.same_origin import Origins
 from .openapi import errors
 from .rate_limit import Rates
 from .results.conversion import Converter
-from .routes import jobs, models, pages, probes
+from .routes import batches, jobs, models, pages, probes
 from .sandbox import Sandbox
 from .shutdown import Shutdown
 from .watch import Watch
@@ -80,6 +80,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     probes.install(app)
     app.include_router(models.router)
     app.include_router(jobs.router)
+    app.include_router(batches.router)
     pages.install(app)
     openapi.install(app)
     return app

@@ -95,7 +95,7 @@ def install(app: FastAPI) -> None:
 
     async def on_validation(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)
-        located = [{"loc": e["loc"][1:] or e["loc"], "msg": e["msg"]} for e in error.errors()]
+        located = [dict(fault) | {"loc": fault["loc"][1:] or fault["loc"]} for fault in error.errors()]
         return respond(from_validation(located), request)
 
     async def on_database(request: Request, error: Exception) -> JSONResponse:

@@ -14,9 +14,9 @@ from ..problems import Problem
 from .error_handlers import MEDIA_TYPE
 from .intake.idempotency import HEADER, LONGEST_KEY
 from .intake.parameters import Parameters
-from .intake.upload import RAW_TYPES
+from .intake.upload import FILE_NAME, RAW_TYPES
 from .results.download import MEDIA_TYPES
-from .schemas import JobView
+from .schemas import BatchView, JobView
 
 Responses = dict[int | str, dict[str, Any]]
 
@@ -37,6 +37,7 @@ EVERYWHERE = (
 )
 CALLER = ("not_authenticated", "too_many_requests")
 JOB = (*CALLER, "invalid_parameters", "job_not_found", "job_expired")
+BATCH = (*CALLER, "invalid_parameters", "batch_not_found")
 FILES = (*JOB, "job_not_finished", "job_failed", "job_cancelled", "storage_unavailable")
 
 
@@ -61,6 +62,13 @@ DENOISE_PARAMETERS = [
     {"name": name, "in": "query", "required": False, "description": schema["description"], "schema": schema}
     for name, schema in _fields().items()
 ] + [
+    {
+        "name": FILE_NAME,
+        "in": "query",
+        "required": False,
+        "description": "Name of the file if it is the whole body; its extension tells text formats apart",
+        "schema": {"type": "string"},
+    },
     {
         "name": HEADER,
         "in": "header",
@@ -122,8 +130,19 @@ DENOISED: Responses = errors(
     "storage_unavailable",
 ) | {
     200: {"model": JobView, "description": "The job finished while the caller waited", "headers": _LOCATION | _APPLIED},
+    201: {"model": BatchView, "description": "Several files became a batch of jobs", "headers": _LOCATION},
     202: {"model": JobView, "description": "The job is queued", "headers": _LOCATION | _APPLIED},
 }
+LISTED: Responses = {
+    200: {
+        "description": "A page of jobs",
+        "headers": {
+            "Link": {"description": "The next page, as `rel=next`, if there is one", "schema": {"type": "string"}},
+            "X-Total-Count": {"description": "Jobs on all pages", "schema": {"type": "integer"}},
+        },
+    },
+}
+ARCHIVE: Responses = {200: {"description": "A zip archive", "content": {"application/zip": _BINARY}}}
 NOT_MODIFIED: Responses = {304: {"description": "Not changed since the ETag in If-None-Match"}}
 _CONVERTED = ("not_enough_memory", "took_too_long", "disk_full")
 RESULT_RESPONSES: Responses = (

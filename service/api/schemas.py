@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any, Literal
@@ -128,6 +129,8 @@ def job_view(job: Job, eta: Eta) -> JobView:
     if job.live:
         links["events"] = f"/jobs/{job.id}/events"
         links["cancel"] = f"/jobs/{job.id}/cancel"
+    if job.batch is not None:
+        links["batch"] = f"/batches/{job.batch}"
     if job.status == "succeeded":
         links["result"] = f"/jobs/{job.id}/result"
         links["display"] = f"/jobs/{job.id}/display"
@@ -149,6 +152,31 @@ def job_view(job: Job, eta: Eta) -> JobView:
         upload=job.upload,
         warnings=job.warnings,
         problem=None if job.problem is None else ProblemDetail(**job.problem),
+        links=links,
+    )
+
+
+class BatchView(BaseModel):
+    """The jobs of one request with several files."""
+
+    id: str
+    status: Literal["live", "finished"] = Field(description="`finished` once every job has ended, however it ended")
+    counts: dict[str, int] = Field(description="Number of jobs by their status")
+    jobs: list[JobView] = Field(description="In the order of the files")
+    links: dict[str, str]
+
+
+def batch_view(batch_id: str, jobs: list[tuple[Job, Eta]]) -> BatchView:
+    """Return the JSON of a batch."""
+    live = any(job.live for job, _ in jobs)
+    links = {"self": f"/batches/{batch_id}"}
+    if not live:
+        links["results"] = f"/batches/{batch_id}/results"
+    return BatchView(
+        id=batch_id,
+        status="live" if live else "finished",
+        counts=dict(Counter(job.status for job, _ in jobs)),
+        jobs=[job_view(job, eta) for job, eta in jobs],
         links=links,
     )
 

@@ -42,6 +42,9 @@ jobs = sa.Table(
     sa.Column("losses", sa.Integer, nullable=False, key="crashes"),
     # `request_id` and `traceparent` of the request that made the job.
     sa.Column("context", sa.JSON),
+    # The request with several files that made the job, and which file of it.
+    sa.Column("batch", sa.String(64), index=True),
+    sa.Column("place", sa.Integer),
     sa.Index("pcdnf_jobs_status_created", "status", "created_at"),
 )
 

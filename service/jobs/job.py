@@ -39,6 +39,8 @@ class Job:
     leased: bool
     crashes: int
     context: dict[str, str] | None
+    batch: str | None = None
+    place: int | None = None  # of its file in the batch
     shard: str | None = None  # the shard that a worker computes, if not the whole job
 
     @property

@@ -6,8 +6,8 @@ UPDATE, so the API and a worker that act at the same moment cannot both succeed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sqlalchemy as sa
@@ -27,6 +27,20 @@ from .job import FINISHED, Job, as_job, is_id
 from .lanes import lane
 
 USUAL_ITERATIONS = 2  # what iterations=auto is taken for until the worker has looked at the cloud
+
+
+@dataclass(frozen=True)
+class NewJob:
+    """A job to accept; its upload is stored already."""
+
+    id: str
+    upload: dict[str, Any]
+    warnings: list[str]
+
+
+def _in_order(jobs: Iterable[Job]) -> list[Job]:
+    """Return the jobs of one request in the order of their files."""
+    return sorted(jobs, key=lambda job: job.place or 0)
 
 
 class Jobs:
@@ -66,54 +80,71 @@ class Jobs:
             drain_switch.check_open(connection)
             self._admission.check(connection, owner, asked)
 
-    def submit(
+    def submit_all(
         self,
-        job_id: str,
+        new: Sequence[NewJob],
         *,
         owner: str,
         parameters: dict[str, Any],
-        upload: dict[str, Any],
-        warnings: list[str],
+        batch: str | None = None,
         also: Callable[[sa.Connection], None] | None = None,
-    ) -> Job:
-        """Accept a job whose upload is stored durably. Our row, that of the queue and `also` are one transaction.
+    ) -> list[Job]:
+        """Accept jobs whose uploads are stored durably: all or none.
+
+        Our rows, those of the queue and `also` are one transaction.
 
         Raises
         ------
         Problem
             If the service is draining, if there is no room (:meth:`Admission.check`), or by `also`.
         """
+        with self._engine.connect() as connection, exclusive(connection):
+            drain_switch.check_open(connection)
+            for place, each in enumerate(new):
+                self._insert(connection, each, owner=owner, parameters=parameters, batch=batch, place=place)
+            if also is not None:
+                also(connection)
+            ids = [each.id for each in new]
+            rows = connection.execute(sa.select(table).where(table.c.id.in_(ids))).mappings().all()
+        return _in_order(map(as_job, rows))
+
+    def _insert(
+        self,
+        connection: sa.Connection,
+        new: NewJob,
+        *,
+        owner: str,
+        parameters: dict[str, Any],
+        batch: str | None,
+        place: int,
+    ) -> None:
         iterations = parameters["iterations"]
+        total = new.upload["points"] * (self._usual_iterations if iterations == "auto" else iterations)
+        self._admission.check(connection, owner, Load(total, new.upload["bytes"], 1))
         values = {
-            "id": job_id,
+            "id": new.id,
             "owner": owner,
             "status": "queued",
             "parameters": parameters,
-            "upload": upload,
-            "warnings": warnings,
+            "upload": new.upload,
+            "warnings": new.warnings,
             "done": 0,
-            "total": upload["points"] * (self._usual_iterations if iterations == "auto" else iterations),
+            "total": total,
             "created_at": now_ms(),
             "leased": False,
             "crashes": 0,
             "context": tracing.carried(),
+            "batch": batch,
+            "place": place,
         }
+        connection.execute(table.insert().values(values))
         options: EnqueueOptions = {
             "workflow_name": WORKFLOW,
-            "queue_name": lane(values["total"]).queue,
-            "workflow_id": job_id,
+            "queue_name": lane(total).queue,
+            "workflow_id": new.id,
             "app_version": APPLICATION_VERSION,
         }
-        asked = Load(values["total"], upload["bytes"], 1)
-        with self._engine.connect() as connection, exclusive(connection):
-            drain_switch.check_open(connection)
-            self._admission.check(connection, owner, asked)
-            connection.execute(table.insert().values(values))
-            if also is not None:
-                also(connection)
-            self._client.enqueue_in_transaction(connection, options, job_id)
-            row = connection.execute(sa.select(table).where(table.c.id == job_id)).mappings().one()
-        return as_job(row)
+        self._client.enqueue_in_transaction(connection, options, new.id)
 
     def status(self, job_id: str, owner: str) -> Job | None:
         """Return the job, or None if `owner` has no such job."""
@@ -132,14 +163,49 @@ class Jobs:
             now: int = connection.execute(sa.select(now_ms())).scalar_one()
         return job.expires_at <= now
 
-    def page(self, owner: str, *, limit: int, before: Job | None = None) -> list[Job]:
-        """Return the jobs of `owner`, newest first, optionally only those older than `before`."""
-        query = sa.select(table).where(table.c.owner == owner, table.c.purged_at.is_(None))
+    def page(
+        self,
+        owner: str,
+        *,
+        limit: int,
+        before: Job | None = None,
+        statuses: Collection[str] = (),
+        name: str | None = None,
+    ) -> tuple[list[Job], int]:
+        """Return a page of the jobs of `owner`, newest first, and how many jobs there are on all pages.
+
+        Parameters
+        ----------
+        owner : str
+        limit : int
+            Most jobs of the page.
+        before : Job, optional
+            Only jobs older than this one are on the page.
+        statuses : collection of str
+            Only jobs with one of these; all jobs without any.
+        name : str, optional
+            Only jobs whose upload has this in its name, in any case.
+        """
+        asked = (table.c.owner == owner) & table.c.purged_at.is_(None)
+        if statuses:
+            asked &= table.c.status.in_(statuses)
+        if name is not None:
+            asked &= table.c.upload["name"].as_string().icontains(name, autoescape=True)
+        query = sa.select(table).where(asked)
         if before is not None:
             query = query.where(sa.tuple_(table.c.created_at, table.c.id) < sa.tuple_(before.created_at, before.id))
         query = query.order_by(table.c.created_at.desc(), table.c.id.desc()).limit(limit)
         with self._engine.connect() as connection:
-            return [as_job(row) for row in connection.execute(query).mappings()]
+            total = connection.execute(sa.select(sa.func.count()).select_from(table).where(asked)).scalar_one()
+            return [as_job(row) for row in connection.execute(query).mappings()], total
+
+    def batch(self, batch_id: str, owner: str) -> list[Job]:
+        """Return the jobs of a batch of `owner` in the order of their files; none if there is no such batch."""
+        if not is_id(batch_id):
+            return []
+        query = sa.select(table).where(table.c.batch == batch_id, table.c.owner == owner, table.c.purged_at.is_(None))
+        with self._engine.connect() as connection:
+            return _in_order(as_job(row) for row in connection.execute(query).mappings())
 
     def eta(self, job: Job) -> Eta:
         """Return place in the queue and estimated time, from the speed the workers measured."""

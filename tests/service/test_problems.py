@@ -65,7 +65,8 @@ def client() -> Iterator[httpx.Client]:
         ("GET", "/http/418", 418, "bad_request"),
         ("GET", "/database", 503, "database_unavailable"),
         ("GET", f"/disk/{errno.ENOSPC}", 503, "disk_full"),
-        ("GET", f"/disk/{errno.EACCES}", 500, "internal_error"),
+        ("GET", f"/disk/{errno.EROFS}", 503, "data_read_only"),
+        ("GET", f"/disk/{errno.EIO}", 500, "internal_error"),
         ("GET", "/bug", 500, "internal_error"),
     ],
 )

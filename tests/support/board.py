@@ -19,7 +19,7 @@ from service.jobs.attempts import Attempts
 from service.jobs.files import UPLOAD, job_file
 from service.jobs.job import Job, new_id
 from service.jobs.retention import Retention
-from service.jobs.store import Jobs
+from service.jobs.store import Jobs, NewJob
 from service.jobs.worker_registry import Workers
 from service.problems import Problem
 from service.settings import Settings
@@ -43,19 +43,17 @@ class Board:
     workers: Workers
     retention: Retention
 
-    def submit(self, *, owner: str = "ada", points: int = 100, iterations: int | str = 1, size: int = 6) -> Job:
+    def submit(
+        self, *, owner: str = "ada", points: int = 100, iterations: int | str = 1, size: int = 6, name: str = "a"
+    ) -> Job:
         """Accept a job with an upload of a few bytes."""
         job_id = new_id()
         scratch = self.storage.scratch()
         scratch.write_bytes(b"upload")
         self.storage.put(scratch, job_file(job_id, UPLOAD))
-        return self.jobs.submit(
-            job_id,
-            owner=owner,
-            parameters={"iterations": iterations},
-            upload={"name": "a", "format": "ply", "points": points, "bytes": size},
-            warnings=[],
-        )
+        upload = {"name": name, "format": "ply", "points": points, "bytes": size}
+        new = NewJob(job_id, upload, warnings=[])
+        return self.jobs.submit_all([new], owner=owner, parameters={"iterations": iterations})[0]
 
     def set(self, job_id: str, **values: Any) -> None:
         """Set columns of a job, whatever its state."""

@@ -21,7 +21,7 @@ HEADER = "X-Request-ID"
 _ID = re.compile(r"[A-Za-z0-9._:-]{1,128}")
 METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 QUIET = ("/livez", "/readyz", "/metrics", "/v2/health/live", "/v2/health/ready")  # logged at level debug
-POLLED = ("/jobs/{job_id}",)  # also, if they were answered well
+POLLED = ("/jobs/{job_id}", "/batches/{batch_id}")  # also, if they were answered well
 UNKNOWN = "none"  # the route of a request that met none; its path is the caller's own words
 
 _timings: ContextVar[dict[str, float] | None] = ContextVar("timings", default=None)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import AsyncIterator
 from typing import Annotated
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 from starlette.concurrency import run_in_threadpool
 
 from pcdnf.file_formats import FORMATS
@@ -30,14 +31,16 @@ from ..openapi import (
     DISPLAY_RESPONSES,
     EVENTS,
     JOB,
+    LISTED,
     NOT_MODIFIED,
     RESULT_RESPONSES,
     errors,
 )
 from ..results import download
-from ..schemas import JobView, job_view, retry_after
+from ..schemas import JobView, Status, job_view, retry_after
 from ..state import State, StateIn
 from ..watch import Follower, preferred_wait
+from . import batches
 
 PAGE = 100  # most jobs in one response
 NOT_FOUND_HINT = "Check the id. A job is removed 30 days after it has expired."
@@ -69,9 +72,12 @@ FollowerIn = Annotated[Follower, Depends(_follower)]
 
 
 def _known_format(name: str) -> str:
-    if name not in FORMATS:
+    if name.lower() not in FORMATS:
         raise ValueError(f"must be one of {', '.join(FORMATS)}")
-    return name
+    return name.lower()
+
+
+StatusIn = Annotated[Status, BeforeValidator(lambda text: text.lower() if isinstance(text, str) else text)]
 
 
 router = APIRouter(tags=["jobs"])
@@ -85,8 +91,14 @@ router = APIRouter(tags=["jobs"])
     openapi_extra={"requestBody": DENOISE_BODY, "parameters": DENOISE_PARAMETERS},
 )
 async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response:
-    """Take a cloud and queue it; parameters stand in the query or in the form."""
-    job = await accept(request, state, owner)
+    """Take a cloud, or a form with several, and queue it; parameters stand in the query or in the form."""
+    accepted = await accept(request, state, owner)
+    job = accepted[0]
+    if job.batch is not None:
+        view = await run_in_threadpool(batches.shown, state, job.batch, accepted)
+        return JSONResponse(
+            view.model_dump(mode="json"), status_code=201, headers={"Location": f"/batches/{job.batch}"}
+        )
     seconds = preferred_wait(request, state.settings.max_wait_seconds)
     waits = seconds is not None and not state.watch.full
     if waits:
@@ -100,20 +112,30 @@ async def denoise(request: Request, state: StateIn, owner: CallerIn) -> Response
 
 @router.get(
     "/jobs",
-    dependencies=[Depends(only_query("limit", "before"))],
-    responses=errors(*CALLER, "invalid_parameters"),
+    dependencies=[Depends(only_query("limit", "before", "status", "name"))],
+    responses=LISTED | errors(*CALLER, "invalid_parameters"),
 )
 def jobs(
+    response: Response,
     state: StateIn,
     owner: CallerIn,
     limit: Annotated[int, Query(ge=1, le=PAGE, description="Most jobs returned")] = 20,
     before: Annotated[str | None, Query(description="Only jobs older than this one")] = None,
+    status: Annotated[list[StatusIn] | None, Query(description="Only jobs with one of these")] = None,
+    name: Annotated[str | None, Query(max_length=100, description="Only jobs with this in the name")] = None,
 ) -> list[JobView]:
     """Return the caller's own jobs, newest first."""
     last = None if before is None else state.jobs.status(before, owner)
     if before is not None and last is None:
         raise Problem("invalid_parameters", "before: you have no job with this id.", hint=NOT_FOUND_HINT)
-    return [job_view(job, state.jobs.eta(job)) for job in state.jobs.page(owner, limit=limit, before=last)]
+    page, total = state.jobs.page(owner, limit=limit + 1, before=last, statuses=status or (), name=name)
+    response.headers["X-Total-Count"] = str(total)
+    if len(page) > limit:
+        page.pop()
+        asked = [("limit", str(limit)), ("before", page[-1].id), *(("status", each) for each in status or ())]
+        query = urlencode([*asked, *([("name", name)] if name is not None else [])])
+        response.headers["Link"] = f'</jobs?{query}>; rel="next"'
+    return [job_view(job, state.jobs.eta(job)) for job in page]
 
 
 @router.get(

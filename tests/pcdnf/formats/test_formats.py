@@ -316,6 +316,7 @@ def check(path: Path, *options: str) -> dict[str, Any]:
 def test_check_accepts(stored: Any) -> None:
     answer = check(stored(POINTS, normals=POINTS), "--memory-bytes", "100000000", "--cpu-seconds", "20")
     assert answer.pop("format") in FORMATS
+    assert answer.pop("diagonal") == pytest.approx(np.linalg.norm(np.ptp(POINTS, axis=0)), rel=1e-6)
     assert answer == {"ok": True, "points": 20, "has_normals": True, "dropped": 0, "warnings": []}
 
 

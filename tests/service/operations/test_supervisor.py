@@ -77,6 +77,11 @@ def test_stops_at_once_after_its_worker_was_killed(tmp_path: Path, alive: bool) 
     if alive:
         service.wait_child("service.worker", other_than=killed)
         time.sleep(1.0)  # it loads its libraries
+    else:
+        deadline = time.monotonic() + 20
+        while "starting it again" not in service.output():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
     began = time.monotonic()
     assert service.stop() == 0, service.output()
     assert time.monotonic() - began < STOP_SECONDS

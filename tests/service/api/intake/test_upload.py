@@ -44,6 +44,8 @@ def _form(*parts: bytes) -> bytes:
         ("", "cloud"),
         (None, "cloud"),
         (".ply", "cloud"),
+        ("scan.ply.gz", "scan"),
+        ("scan.ZIP", "scan"),
         ("n" * 4096, "n" * 100),
     ],
 )
@@ -87,7 +89,8 @@ def test_chunked_body_cut_anywhere(api: httpx.Client, small: Path) -> None:
     [
         (_form(), 1),
         (_form(_part("cloud", b"x")), 1),
-        (_form(_part("file", b"x", "a"), _part("file", b"y", "b")), 1),
+        (_form(_part("cloud", b"x", "a.ply")), None),
+        (_form(*[_part("file", b"x", "a")] * 101), 100),
         (_form(_part("file", b"x", "a"), _part("seed", b"1" * 2000)), 1024),
         (_form(_part("file", b"x", "a"), *(_part(f"field{i}", b"") for i in range(20))), 16),
         (_part("file", b"x", "a"), None),
@@ -99,6 +102,43 @@ def test_bad_forms(api: httpx.Client, body: bytes, limit: int | None) -> None:
     response = api.post("/denoise", content=body, headers=FORM)
     assert (response.status_code, response.json()["code"]) == (422, "invalid_upload")
     assert response.json().get("limit") == limit
+
+
+def test_a_file_in_a_part_with_another_name_is_told_so(api: httpx.Client, small: Path) -> None:
+    problem = api.post("/denoise", files={"cloud": ("a.ply", small.read_bytes())}).json()
+    assert "the part named 'cloud'" in problem["detail"]
+    assert "-F file=@scan.ply" in problem["hint"]
+
+
+@pytest.mark.parametrize("by", ["query", "header", "curl"])
+def test_a_raw_body_may_bring_its_name(api: httpx.Client, by: str) -> None:
+    text = b"".join(b"%d %d %d\n" % (i, i * i, i % 7) for i in range(50))
+    headers = {"Content-Type": "application/octet-stream"}
+    if by == "header":
+        headers["Content-Disposition"] = 'attachment; filename="../left scan.xyz"'
+    if by == "curl":
+        headers["Content-Type"] = "application/x-www-form-urlencoded"
+    query = "" if by == "header" else "?filename=left%20scan.xyz"
+    response = api.post(f"/denoise{query}", content=text, headers=headers)
+    assert response.status_code == 202, response.text
+    upload = response.json()["upload"]
+    assert (upload["name"], upload["format"], upload["points"]) == ("left scan", "xyz", 50)
+
+
+def test_the_limit_named_is_the_one_in_force(make_api: MakeApi, small: Path) -> None:
+    api = make_api(max_caller_bytes=1000)
+    for files in ({"file": small.read_bytes()}, {"file": bytes(1001)}):
+        problem = api.post("/denoise", files=files).json()
+        assert (problem["code"], problem["limit"]) == ("upload_too_large", 1000)
+
+
+def test_a_radius_beyond_the_cloud_is_refused_with_a_sentence(api: httpx.Client, small: Path) -> None:
+    problem = api.post("/denoise?radius=50", files={"file": small.read_bytes()}).json()
+    assert problem["code"] == "invalid_parameters"
+    assert problem["detail"].startswith("radius: 50 is more than 3.")
+    assert "diagonal" in problem["detail"]
+    assert "`radius`" in problem["hint"]
+    assert api.post("/denoise?radius=100%25", files={"file": small.read_bytes()}).status_code == 202
 
 
 def test_a_form_without_boundary(api: httpx.Client) -> None:
@@ -118,7 +158,7 @@ def test_empty(api: httpx.Client, headers: dict[str, str]) -> None:
     [
         ({"Content-Type": "application/json"}, "unsupported_media_type"),
         ({}, "unsupported_media_type"),
-        ({"Content-Type": "application/ply", "Content-Encoding": "gzip"}, "unsupported_encoding"),
+        ({"Content-Type": "application/ply", "Content-Encoding": "zstd"}, "unsupported_encoding"),
     ],
 )
 def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], code: str) -> None:
@@ -252,7 +292,7 @@ def test_disk_that_fills_up_meanwhile(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("service.api.intake.upload._Sink._write", full)
+    monkeypatch.setattr("service.api.intake.sink.Sink._write", full)
     response = make_api().post("/denoise", files={"file": small.read_bytes()})
     assert (response.status_code, response.json()["code"]) == (503, "disk_full")
     assert not list((tmp_path / "data" / "scratch").iterdir())
