@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 from pathlib import Path
 
@@ -165,7 +166,7 @@ def test_limits_hold_for_meshes(tmp_path: Path) -> None:
     [
         ("a.glb", b"glTF\2\0\0\0", "GLB"),
         ("a.gltf", b'{"asset": {}}', "glTF"),
-        ("a.spz", b"\x1f\x8b\x08\0", "SPZ"),
+        ("a.spz", gzip.compress(b"NGSP\2\0\0\0"), "SPZ"),
         ("a.splat", bytes(64), "splats"),
         ("a.off", b"OFF BINARY\n", "binary OFF"),
         ("a.fbx", b"Kaydara FBX Binary  \0", "FBX"),
