@@ -51,6 +51,23 @@ class Settings(BaseSettings):
         "that authenticates callers.",
     )
 
+    allowed_origins: str = Field(
+        "",
+        description="Web pages of other sites that may use the API from a browser (CORS), with commas between them: "
+        "`https://app.example.org`. Requires keys. Empty: none.",
+    )
+    callback_hosts: str = Field(
+        "",
+        description="Hosts to which jobs may send a message when they end (`callback_url`), with commas between them. "
+        "Empty: no callbacks.",
+    )
+    callback_secret: str | None = Field(
+        None,
+        min_length=32,
+        description="Secret with which callbacks are signed. The receivers have it, too. Required with "
+        "PCDNF_CALLBACK_HOSTS.",
+    )
+
     data_dir: Path = Field(
         Path("data"),
         description="Folder for uploads, tiles, results and the SQLite database, on a local disk. If "
@@ -198,6 +215,22 @@ class Settings(BaseSettings):
             raise ValueError("must be auto, cpu or cuda:N, such as cuda:0")
         return value
 
+    @field_validator("allowed_origins")
+    @classmethod
+    def _plain_origins(cls, value: str) -> str:
+        for origin in parts_of(value):
+            if not re.fullmatch(r"https?://[a-z0-9.-]+(:\d{1,5})?", origin, re.ASCII):
+                raise ValueError("must be origins such as https://app.example.org, with commas between them")
+        return value
+
+    @field_validator("callback_hosts")
+    @classmethod
+    def _plain_hosts(cls, value: str) -> str:
+        for host in parts_of(value):
+            if not re.fullmatch(r"[a-z0-9-]+(\.[a-z0-9-]+)+", host, re.ASCII):
+                raise ValueError("must be host names such as hooks.example.org, with commas between them")
+        return value
+
     @field_validator("worker_id")
     @classmethod
     def _plain_name(cls, value: str | None) -> str | None:
@@ -243,19 +276,49 @@ class Settings(BaseSettings):
         """Seconds without a heartbeat after which a worker no longer counts as ready: three missed heartbeats."""
         return 3 * self.heartbeat_seconds
 
+    @property
+    def origins(self) -> list[str]:
+        """Origins of other sites that may use the API."""
+        return parts_of(self.allowed_origins)
+
+    @property
+    def callback_host_names(self) -> list[str]:
+        """Hosts to which callbacks may go."""
+        return parts_of(self.callback_hosts)
+
+    @property
+    def has_keys(self) -> bool:
+        """Whether callers need a key."""
+        return bool(self.api_key or self.api_keys_file)
+
     def check_exposure(self) -> None:
-        """Check that the service is not open to the network without a key.
+        """Check that the service is not open to the network or to other sites without a key.
 
         Raises
         ------
         SettingsError
         """
+        if self.origins and not self.has_keys:
+            raise SettingsError(
+                "PCDNF_ALLOWED_ORIGINS would let pages of other sites use a service without keys. Set PCDNF_API_KEY "
+                "or PCDNF_API_KEYS_FILE."
+            )
+        if self.callback_host_names and not self.callback_secret:
+            raise SettingsError(
+                "PCDNF_CALLBACK_HOSTS needs a secret to sign the messages with. Set PCDNF_CALLBACK_SECRET to at least "
+                "32 random characters."
+            )
         if is_loopback(self.host) or self.allow_anonymous or self.api_key or self.api_keys_file:
             return
         raise SettingsError(
             f"Refusing to listen on {self.host} without a key. Set PCDNF_API_KEY or PCDNF_API_KEYS_FILE, listen on "
             "127.0.0.1, or set PCDNF_ALLOW_ANONYMOUS=true if a proxy authenticates the callers."
         )
+
+
+def parts_of(text: str) -> list[str]:
+    """Return the values of a list with commas between them, in lower case."""
+    return [part.strip().lower() for part in text.split(",") if part.strip()]
 
 
 def is_loopback(host: str) -> bool:

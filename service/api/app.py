@@ -10,6 +10,7 @@ from functools import partial
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
+from starlette.middleware.cors import CORSMiddleware
 
 import pcdnf
 
@@ -29,6 +30,7 @@ from .intake.inspection import Inspector
 from .metrics import ApiMetrics, Deployment
 from .middleware.access_log import AccessLog
 from .middleware.compression import Compression
+from .middleware.cross_origin import cross_origin
 from .middleware.guard import Guard
 from .middleware.same_origin import Origins
 from .openapi import errors
@@ -74,6 +76,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(Origins, settings=settings)
     app.state.shutdown = Shutdown()
     app.state.metrics = ApiMetrics()
+    if settings.origins:
+        app.add_middleware(CORSMiddleware, **cross_origin(settings))
     app.add_middleware(Guard, max_requests=settings.max_requests, shutdown=app.state.shutdown)
     app.add_middleware(AccessLog, metrics=app.state.metrics)
     error_handlers.install(app)

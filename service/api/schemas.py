@@ -58,6 +58,7 @@ EXAMPLE: dict[str, Any] = {
     "upload": {"name": "scan", "format": "ply", "bytes": 480180, "points": 40000, "has_normals": False},
     "warnings": [],
     "problem": None,
+    "callback": None,
     "links": {
         "self": "/jobs/0f8fad5bd9cb469fa16570867728950e",
         "events": "/jobs/0f8fad5bd9cb469fa16570867728950e/events",
@@ -116,6 +117,9 @@ class JobView(BaseModel):
     upload: dict[str, Any] = Field(description="`name`, `format`, `bytes`, `points` and `has_normals` of the file")
     warnings: list[str]
     problem: ProblemDetail | None = Field(description="Why a failed job failed")
+    callback: Literal["due", "queued", "delivered", "given_up"] | None = Field(
+        None, description="What has become of the message to `callback_url`"
+    )
     links: dict[str, str]
 
 
@@ -152,6 +156,7 @@ def job_view(job: Job, eta: Eta) -> JobView:
         upload=job.upload,
         warnings=job.warnings,
         problem=None if job.problem is None else ProblemDetail(**job.problem),
+        callback=job.callback,
         links=links,
     )
 

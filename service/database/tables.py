@@ -45,6 +45,8 @@ jobs = sa.Table(
     # The request with several files that made the job, and which file of it.
     sa.Column("batch", sa.String(64), index=True),
     sa.Column("place", sa.Integer),
+    # What has become of its callback, if it has one; see service.jobs.callback.State.
+    sa.Column("callback", sa.String(16), index=True),
     sa.Index("pcdnf_jobs_status_created", "status", "created_at"),
 )
 

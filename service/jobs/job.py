@@ -41,6 +41,7 @@ class Job:
     context: dict[str, str] | None
     batch: str | None = None
     place: int | None = None  # of its file in the batch
+    callback: str | None = None
     shard: str | None = None  # the shard that a worker computes, if not the whole job
 
     @property

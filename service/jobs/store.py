@@ -19,7 +19,7 @@ from ..database.tables import now_ms
 from ..settings import Settings
 from ..storage.base import Storage
 from ..telemetry import tracing
-from . import drain_switch, outcomes
+from . import callback, drain_switch, outcomes
 from .admission import Admission, Load
 from .dbos_contract import APPLICATION_NAME, APPLICATION_VERSION, SERIALIZER, WORKFLOW
 from .eta import Eta, estimate
@@ -136,6 +136,7 @@ class Jobs:
             "context": tracing.carried(),
             "batch": batch,
             "place": place,
+            "callback": "due" if parameters.get("callback_url") else None,
         }
         connection.execute(table.insert().values(values))
         options: EnqueueOptions = {
@@ -274,5 +275,5 @@ class Jobs:
         return removed
 
     def forget(self, job_id: str) -> None:
-        """Remove the engine's record of a finished job."""
-        self._client.delete_workflow(job_id, delete_children=True)
+        """Remove the engine's record of a finished job, and of its callback."""
+        self._client.delete_workflows([job_id, *callback.workflow_ids(job_id)], delete_children=True)

@@ -21,6 +21,7 @@ from ..problems import Problem
 from ..settings import Settings
 from ..storage.open import open_storage
 from . import workflow  # noqa: F401  (registers the workflows with the job engine)
+from .callbacks import queue_due
 from .context import Runtime, install
 from .heartbeat import Heartbeat
 from .model_cache import ModelCache
@@ -102,6 +103,8 @@ class Loop:
 
     def _look_after_the_queues(self) -> None:
         """Recover the work of lost workers, free idle clouds, and remove what has expired, each when it is due."""
+        if self._settings.callback_host_names:
+            queue_due(self._engine)
         if time.monotonic() - self._recovered > self._settings.heartbeat_seconds:
             self._recovered = time.monotonic()
             take_over(self._settings, self._workers)

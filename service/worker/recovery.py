@@ -7,6 +7,7 @@ import logging
 import sqlalchemy as sa
 from dbos import DBOS, DBOSConfig
 
+from ..jobs import callback
 from ..jobs.attempts import Attempts
 from ..jobs.dbos_contract import APPLICATION_NAME, APPLICATION_VERSION, GIVEN_UP, SERIALIZER
 from ..jobs.lanes import LANES, SHARD_CONCURRENCY, SHARDS_QUEUE
@@ -33,6 +34,7 @@ def launch(settings: Settings, engine: sa.Engine) -> None:
     }
     DBOS(config=config)
     concurrency = {lane.queue: lane.concurrency for lane in LANES} | {SHARDS_QUEUE: SHARD_CONCURRENCY}
+    concurrency[callback.QUEUE] = callback.CONCURRENCY
     DBOS.listen_queues(list(concurrency))
     DBOS.launch()
     for queue, jobs in concurrency.items():

@@ -132,7 +132,7 @@ def test_every_problem_says_what_is_wrong_and_what_to_do() -> None:
         (place, text)
         for place, detail, hint in found
         for text in texts(detail) + texts(hint)
-        if not re.fullmatch(r"[A-Z0/-].*\S\.", text) and not re.fullmatch(r"[a-z]+: .*[.0]", text)
+        if not re.fullmatch(r"[A-Z0/-].*\S\.", text) and not re.fullmatch(r"[a-z_]+: .*[.0]", text)
     ]
     assert odd == []
 

@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from pcdnf.inference.options import ChoiceError, check_fast, check_iterations, check_radius
 
+from ...jobs.callback import CallbackError, check_url
 from ...jobs.job import ignored_classes
 from ...problems import Problem, from_validation
 from ...settings import Settings
@@ -20,7 +21,7 @@ from .. import schemas
 
 SEED_LIMIT = 2**32
 FAST_HINT = "Leave `fast` out, or choose another model."
-_CASED = ("model",)  # values whose case means something
+_CASED = ("model", "callback_url")  # values whose case means something
 
 
 def _iterations(value: int | str) -> int | str:
@@ -101,6 +102,17 @@ class Parameters(BaseModel):
         "result records. LAS, LAZ and E57 have their own types",
     )
 
+    callback_url: str = Field(
+        "",
+        description="Address to which a signed message is sent when the job has ended, on a host that the operator of "
+        "the service allows",
+        examples=["https://hooks.example.org/denoised"],
+    )
+
+    def in_force(self) -> dict[str, Any]:
+        """Return the parameters as a job shows them."""
+        return self.model_dump(exclude=set() if self.callback_url else {"callback_url"})
+
     @property
     def classes(self) -> list[int]:
         """The numbers of `ignore_classes`."""
@@ -137,6 +149,8 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
             limit=settings.max_iterations,
             actual=iterations,
         )
+    if parameters.callback_url:
+        _check_callback(parameters.callback_url, settings)
     name = parameters.model or settings.default_model
     if name not in schemas.shipped():
         raise Problem(
@@ -149,6 +163,17 @@ def job_parameters(given: Iterable[tuple[str, str]], settings: Settings) -> Para
     except ChoiceError as error:
         raise Problem("invalid_parameters", f"fast: {error}", hint=error.hint or FAST_HINT) from error
     return parameters.model_copy(update={"model": name})
+
+
+def _check_callback(url: str, settings: Settings) -> None:
+    try:
+        check_url(url, settings.callback_host_names)
+    except CallbackError as error:
+        raise Problem(
+            "invalid_parameters",
+            f"callback_url: {error}.",
+            hint="Poll the job or follow its events, or ask the operator of the service to allow the host.",
+        ) from error
 
 
 def only_query(*known: str) -> Any:

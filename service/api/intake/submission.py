@@ -79,9 +79,9 @@ def _mark(received: Received, parameters: Parameters) -> str:
     """Return what distinguishes this request from others."""
     files = [(upload.sha256, upload.name) for upload in received.files]
     if len(files) == 1:
-        return fingerprint(*files[0], parameters.model_dump())
+        return fingerprint(*files[0], parameters.in_force())
     return fingerprint(" ".join(digest for digest, _ in files), "/".join(name for _, name in files),
-                       parameters.model_dump())  # fmt: skip
+                       parameters.in_force())  # fmt: skip
 
 
 def _replay(state: State, claim: Claim, received: Received, parameters: Parameters) -> list[Job]:
@@ -154,7 +154,7 @@ def _submit(
             return state.jobs.submit_all(
                 [NewJob(each.id, _facts(each), each.found.warnings) for each in checked],
                 owner=owner,
-                parameters=parameters.model_dump(),
+                parameters=parameters.in_force(),
                 batch=new_id() if len(checked) > 1 else None,
                 also=bind,
             )

@@ -1,4 +1,4 @@
-"""Only web pages of this service may call it.
+"""Only web pages of this service may call it, and those that the operator allows.
 
 Any page in the user's browser can send a form to a service on the user's machine, and it can do harm without reading
 the response. Browsers say in ``Sec-Fetch-Site`` or ``Origin`` which page sends a request; other programs send neither.
@@ -33,7 +33,8 @@ class Origins:
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self._app = app
-        self._own_names_only = not (settings.api_key or settings.api_keys_file or settings.allow_anonymous)
+        self._own_names_only = not (settings.has_keys or settings.allow_anonymous)
+        self._allowed = frozenset(settings.origins)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection (ASGI)."""
@@ -47,7 +48,9 @@ class Origins:
                     hint="Use http://127.0.0.1 or http://localhost. Behind a proxy, set a key, or "
                     "PCDNF_ALLOW_ANONYMOUS=true if the proxy authenticates callers.",
                 )
-            elif scope["method"] not in SAFE_METHODS and not _own_page(headers):
+            elif scope["method"] not in SAFE_METHODS and not (
+                _own_page(headers) or headers.get("origin", "").lower() in self._allowed
+            ):
                 problem = Problem(
                     "cross_site",
                     "The request came from a web page of another site.",

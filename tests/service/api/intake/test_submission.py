@@ -17,18 +17,18 @@ def test_the_upload_is_on_the_disk_before_its_job_is_accepted(
     jobs, folder = served.app.state.jobs, served.app.state.settings.data_dir.resolve() / "jobs"
     synced: list[Path] = []
     before: list[Path] = []
-    fsync, submit = os.fsync, jobs.submit
+    fsync, submit = os.fsync, jobs.submit_all
 
     def noted(descriptor: int) -> None:
         synced.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")))
         fsync(descriptor)
 
-    def late(job_id: str, **named: Any) -> Any:
+    def late(new: Any, **named: Any) -> Any:
         before.extend(synced)
-        return submit(job_id, **named)
+        return submit(new, **named)
 
     monkeypatch.setattr(os, "fsync", noted)
-    monkeypatch.setattr(jobs, "submit", late)
+    monkeypatch.setattr(jobs, "submit_all", late)
     job = served.client.post("/denoise", files={"file": small.read_bytes()}).json()
     assert [path.parent.name for path in before[:1]] == ["scratch"]
     assert before[1:] == [folder / job["id"], folder]
