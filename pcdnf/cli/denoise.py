@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import PcdnfError
 from ..file_formats import SUFFIXES, TEXT_FORMATS, titles
-from ..inference.options import check_iterations, check_radius
+from ..inference.options import check_iterations, check_radius, check_sensor
 from .common import check_writable
 
 if TYPE_CHECKING:
@@ -72,7 +72,18 @@ def add_denoise(subparsers: Subparsers) -> None:
     )
     parser.add_argument("--orient", action="store_true", help="flip the normals to one side of the surface")
     parser.add_argument(
-        "--outliers", default="keep", choices=["keep", "drop"], help="points far from all others (default: keep)"
+        "--outliers",
+        default="keep",
+        choices=["keep", "drop", "mark"],
+        help="points that belong to no surface: keep them, leave them out, or add a column `outlier` (default: keep)",
+    )
+    parser.add_argument(
+        "--sensor",
+        default="",
+        metavar="X,Y,Z",
+        help="where the scanner stood, in the cloud's coordinates (--sensor=-1,0,2 if x is negative): shows which "
+        "points lie between two surfaces along a ray, and the side of new normals (default: what a PTX, a gridded E57 "
+        "or an organised PCD says)",
     )
     parser.add_argument(
         "--nonfinite",
@@ -126,19 +137,20 @@ def _denoise(options: argparse.Namespace) -> int:
     from ..formats.aside import points_to_fit
     from ..formats.attributes import with_columns
     from ..formats.files import format_to_write
-    from ..formats.scanner_positions import known_sides
+    from ..formats.scanner_positions import known_sides, scanner_places
 
     for path in filter(None, (options.output, options.picture)):
         check_writable(path)
     format_to_write(options.output, "ply")
     check_iterations(options.iterations)
     check_radius(options.radius)
+    options.sensor = check_sensor(options.sensor)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
     cloud = points_to_fit(cloud, options.ignore_classes)
-    if options.outliers == "drop":
-        from ..geometry.outliers import drop_outliers
+    if options.outliers != "keep":
+        from ..geometry.outliers import treat_outliers
 
-        cloud = drop_outliers(cloud)
+        cloud = treat_outliers(cloud, options.outliers, scanner_places(cloud, options.sensor))
     if options.normals == "input" and cloud.normals is None:
         raise PcdnfError("The file has no normals.", code="no_normals", hint="Remove --normals input to estimate them.")
     from ..denoiser import Denoiser
@@ -152,7 +164,7 @@ def _denoise(options: argparse.Namespace) -> int:
     if options.orient:
         from ..geometry.orientation import orient_normals
 
-        normals = orient_normals(result.points, normals, like=known_sides(cloud))
+        normals = orient_normals(result.points, normals, like=known_sides(cloud, options.sensor))
     around = {"orient": "on" if options.orient else "off", "outliers": options.outliers}
     denoised = cloud.replaced(result.points, normals, metadata=result.metadata | around)
     if options.diagnostics and result.diagnostics is not None:
@@ -191,7 +203,7 @@ def _run(denoiser: Denoiser, cloud: PointCloud, options: argparse.Namespace) -> 
 
         return denoiser.denoise(
             cloud.points,
-            known_sides(cloud),
+            known_sides(cloud, options.sensor),
             iterations=options.iterations,
             radius=options.radius,
             fast=options.fast,

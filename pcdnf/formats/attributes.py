@@ -54,7 +54,7 @@ def numeric_attributes(cloud: PointCloud, title: str) -> tuple[Columns, list[str
 
 
 def with_columns(cloud: PointCloud, columns: Columns) -> PointCloud:
-    """Add columns of floats, (N,) each, to a cloud; they are NaN in its holes.
+    """Add columns, (N,) each, to a cloud; in its holes floats are NaN and integers 0.
 
     A column whose name is taken gets ``pcdnf_`` before it.
     """
@@ -66,7 +66,7 @@ def with_columns(cloud: PointCloud, columns: Columns) -> PointCloud:
             name = f"pcdnf_{name}"
         attributes[name] = column
         if holes is not None:
-            absent[name] = np.full(len(holes.rows), np.nan, column.dtype)
+            absent[name] = np.full(len(holes.rows), np.nan if column.dtype.kind == "f" else 0, column.dtype)
     return replace(cloud, attributes=attributes, holes=None if holes is None else replace(holes, attributes=absent))
 
 

@@ -13,8 +13,11 @@ _GRID = {"rowIndex", "columnIndex"}
 _SPHERICAL = "sphericalRange"
 
 
-def towards_scanner(cloud: PointCloud) -> NDArray[np.float64] | None:
-    """Return the directions from points to the scanner that saw them.
+Position = tuple[float, float, float]
+
+
+def scanner_places(cloud: PointCloud, sensor: Position | None = None) -> NDArray[np.float64] | None:
+    """Return where the scanner stood that saw each point.
 
     Scans on a grid tell: those of a PTX, of an E57 with rows and columns or spherical coordinates, and an organised
     PCD with its viewpoint. Other clouds may have been joined from many places.
@@ -22,18 +25,37 @@ def towards_scanner(cloud: PointCloud) -> NDArray[np.float64] | None:
     Parameters
     ----------
     cloud : PointCloud
+    sensor : tuple of three floats, optional
+        Where the caller says that it stood; counts before what the file says.
+
+    Returns
+    -------
+    (N, 3) float64 array or None
+        NaN for scans that do not tell; None where no scan does.
+    """
+    if sensor is not None:
+        return np.broadcast_to(np.asarray(sensor, np.float64), (len(cloud), 3))
+    places = _places(cloud.flavour)
+    index = cloud.attributes.get(SCAN_INDEX)
+    if not len(places) or np.isnan(places).all() or (len(places) > 1 and index is None):
+        return None
+    rows = np.zeros(len(cloud), np.int64) if index is None or len(places) == 1 else index.astype(np.int64)
+    found: NDArray[np.float64] = places[rows]
+    return found
+
+
+def towards_scanner(cloud: PointCloud, sensor: Position | None = None) -> NDArray[np.float64] | None:
+    """Return the directions from points to the scanner that saw them; see :func:`scanner_places`.
 
     Returns
     -------
     (N, 3) float64 array or None
         Of unit length, NaN for scans that do not tell; None where no scan does.
     """
-    places = _places(cloud.flavour)
-    index = cloud.attributes.get(SCAN_INDEX)
-    if not len(places) or np.isnan(places).all() or (len(places) > 1 and index is None):
+    places = scanner_places(cloud, sensor)
+    if places is None:
         return None
-    rows = np.zeros(len(cloud), np.int64) if index is None or len(places) == 1 else index.astype(np.int64)
-    ways: NDArray[np.float64] = places[rows] - cloud.points
+    ways: NDArray[np.float64] = places - cloud.points
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)
     units: NDArray[np.float64] = np.divide(ways, lengths, out=np.full_like(ways, np.nan), where=lengths > 0)
     return units
@@ -54,6 +76,6 @@ def _places(flavour: Flavour) -> NDArray[np.float64]:
     return np.array(places, np.float64).reshape(-1, 3)
 
 
-def known_sides(cloud: PointCloud) -> NDArray[np.floating] | None:
+def known_sides(cloud: PointCloud, sensor: Position | None = None) -> NDArray[np.floating] | None:
     """Return the normals of the file, else directions to its scanner, (N, 3): the side that new normals take."""
-    return towards_scanner(cloud) if cloud.normals is None else cloud.normals
+    return towards_scanner(cloud, sensor) if cloud.normals is None else cloud.normals

@@ -1,4 +1,4 @@
-"""Options of a run, checked without importing a network: passes, radius, initial normals, fast mode."""
+"""Options of a run, checked without importing a network: passes, radius, sensor, initial normals, fast mode."""
 
 from __future__ import annotations
 
@@ -68,6 +68,29 @@ def check_radius(value: float | str) -> tuple[float, bool] | None:
             hint="Omit it to choose it automatically.",
         )
     return number, relative
+
+
+def check_sensor(value: str) -> tuple[float, float, float] | None:
+    """Check a scanner's position such as ``1.5,0,2``; None for an empty text.
+
+    Raises
+    ------
+    ChoiceError
+        ``invalid_sensor``: not three finite numbers.
+    """
+    if not value:
+        return None
+    try:
+        x, y, z = (float(part) for part in value.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not math.isfinite(x + y + z):
+        raise ChoiceError(
+            f"The sensor must be three finite numbers with commas between them, such as 1.5,0,2, not {value[:40]!r}.",
+            code="invalid_sensor",
+            hint="Give the scanner's position in the coordinates of the cloud, or omit it.",
+        )
+    return x, y, z
 
 
 def check_initial(value: str) -> InitialNormals:

@@ -40,6 +40,7 @@ EXAMPLE: dict[str, Any] = {
         "normals": "auto",
         "orient": False,
         "outliers": "keep",
+        "sensor": "",
         "nonfinite": "keep",
         "ignore_classes": "",
         "coordinates": "keep",

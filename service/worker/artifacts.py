@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from pcdnf.file_formats import TEXT_FORMATS
 from pcdnf.formats import Limits, PointCloud, read
 from pcdnf.formats.aside import points_to_fit
-from pcdnf.geometry.outliers import drop_outliers
+from pcdnf.formats.scanner_positions import scanner_places
+from pcdnf.geometry.outliers import treat_outliers
+from pcdnf.inference.options import check_sensor
 
 from ..jobs.files import UPLOAD, job_file
 from ..jobs.job import Job, ignored_classes
@@ -85,7 +87,7 @@ def load_arrays(runtime: Runtime, job_id: str, name: str) -> dict[str, NDArray[A
 
 
 def read_upload(runtime: Runtime, job: Job) -> PointCloud:
-    """Read the upload under the limits of its check; put aside what no fit uses, and drop outliers if asked.
+    """Read the upload under the limits of its check; put aside what no fit uses, and drop or mark outliers if asked.
 
     Raises
     ------
@@ -99,4 +101,7 @@ def read_upload(runtime: Runtime, job: Job) -> PointCloud:
     with runtime.storage.reading(job_file(job.id, UPLOAD)) as path:
         cloud = read(path, limits=limits, text=job.upload["format"] in TEXT_FORMATS)
     cloud = points_to_fit(cloud, ignored_classes(job.parameters.get("ignore_classes", "")))
-    return drop_outliers(cloud) if job.parameters["outliers"] == "drop" else cloud
+    if job.parameters["outliers"] == "keep":
+        return cloud
+    sensor = check_sensor(job.parameters.get("sensor", ""))
+    return treat_outliers(cloud, job.parameters["outliers"], scanner_places(cloud, sensor))

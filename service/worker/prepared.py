@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pcdnf.denoiser import Denoiser, Plan, iteration_seed
 from pcdnf.errors import PcdnfError
 from pcdnf.formats.scanner_positions import known_sides
+from pcdnf.inference.options import check_sensor
 from pcdnf.inference.unit_frame import UnitFrame
 
 from ..jobs.job import Job
@@ -66,7 +67,7 @@ def _prepare(runtime: Runtime, job: Job, now: Pass, progress: Progress) -> Prepa
         denoiser = pinned_model(runtime, job)
         given = read_upload(runtime, job)
         points: NDArray[Any] = given.points
-        normals = known_sides(given)
+        normals = known_sides(given, check_sensor(job.parameters.get("sensor", "")))
         if now.before is not None:
             merged = load_arrays(runtime, job.id, now.before)
             points, normals = merged["points"], merged["normals"]

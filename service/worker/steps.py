@@ -25,6 +25,7 @@ from pcdnf.formats.attributes import with_columns
 from pcdnf.formats.scanner_positions import known_sides
 from pcdnf.geometry.orientation import orient_normals
 from pcdnf.inference.diagnostics import diagnose
+from pcdnf.inference.options import check_sensor
 
 from ..jobs.dbos_contract import GIVEN_UP
 from ..jobs.files import DISPLAY, UPLOAD, job_file, result_facts, result_name
@@ -235,7 +236,8 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
     metadata |= found.metadata()
     normals = merged["normals"]
     if parameters["orient"]:
-        normals = orient_normals(merged["points"], normals, like=known_sides(given))
+        sensor = check_sensor(parameters.get("sensor", ""))
+        normals = orient_normals(merged["points"], normals, like=known_sides(given, sensor))
     cloud = given.replaced(merged["points"], normals, metadata=metadata)
     if parameters.get("diagnostics"):
         cloud = with_columns(cloud, found.columns())

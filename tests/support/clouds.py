@@ -31,3 +31,18 @@ def thinned_examples(folder: Path, points: int) -> Path:
         rows = np.random.default_rng(0).permutation(len(cloud))[points:]
         write(target, cloud.without(np.sort(rows), "Points"))
     return examples
+
+
+def depth_image() -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """A board before a wall, a wire and a slanted floor, seen from the origin; which rows are flying, wire and rest."""
+    rng = np.random.default_rng(0)
+    column, row = (each.ravel() for each in np.meshgrid(np.arange(120), np.arange(90)))
+    depth = np.where(row < 20, 0.1 / np.maximum((45 - row) / 100, 0.01) * 6, 4.0)  # a floor that runs back to the wall
+    depth = np.minimum(depth, 4.0)
+    board = (abs(column - 40) <= 15) & (abs(row - 60) <= 20)
+    wire = (column == 100) & (row > 25)
+    edge = np.isin(column, (24, 56)) & (abs(row - 60) <= 20)
+    depth = np.select([board, wire], [2.0, 2.5], depth) + rng.normal(0, 0.002, len(depth))
+    depth[edge] = rng.uniform(2.3, 3.7, edge.sum())
+    points = np.column_stack([(column - 60) / 100, (row - 45) / 100, np.ones(len(depth))]) * depth[:, None]
+    return points, {"flying": edge, "wire": wire, "rest": ~edge & ~wire}

@@ -11,7 +11,7 @@ from fastapi import Request
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from pcdnf.inference.options import ChoiceError, check_fast, check_iterations, check_radius
+from pcdnf.inference.options import ChoiceError, check_fast, check_iterations, check_radius, check_sensor
 
 from ...jobs.callback import CallbackError, check_url
 from ...jobs.job import ignored_classes
@@ -38,6 +38,12 @@ def _radius(value: str) -> str:
 def _classes(value: str) -> str:
     if not re.fullmatch(r"([0-9]{1,3}(,[0-9]{1,3}){0,31})?", value):
         raise ValueError("must be 1 to 32 class numbers with commas between them, such as 7,18")
+    return value
+
+
+def _sensor(value: str) -> str:
+    with _as_value_error():
+        check_sensor(value)
     return value
 
 
@@ -77,8 +83,17 @@ class Parameters(BaseModel):
         "those of the file. The side is that of the file's normals, if it has any, else that of its scanner",
     )
     orient: bool = Field(False, description="Turn the normals of the result to one side of the surface")
-    outliers: Literal["keep", "drop"] = Field(
-        "keep", description="Treatment of points far from all others. After `drop` the result names the removed rows"
+    outliers: Literal["keep", "drop", "mark"] = Field(
+        "keep",
+        description="Treatment of points that belong to no surface: far from all others, floating beside a surface, or "
+        "between two surfaces along a ray. After `drop` the result names the removed rows; `mark` adds a column "
+        "`outlier`, 1 or 0",
+    )
+    sensor: Annotated[str, AfterValidator(_sensor)] = Field(
+        "",
+        description="Where the scanner stood, x,y,z in the coordinates of the cloud. Empty: what a PTX, a gridded E57 "
+        "or an organised PCD says",
+        examples=["1.5,0,2"],
     )
     nonfinite: Literal["keep", "reject", "drop"] = Field(
         "keep",

@@ -10,7 +10,8 @@ import pytest
 from pcdnf.cli import main
 from pcdnf.formats import PcdFlavour, PointCloud, PtxFlavour, read, write
 from pcdnf.formats.flavours import PtxScan
-from pcdnf.formats.scanner_positions import known_sides, towards_scanner
+from pcdnf.formats.scanner_positions import known_sides, scanner_places, towards_scanner
+from tests.support.clouds import depth_image
 
 ROWS, COLUMNS = 18, 24
 PLACES = np.array([[500_000.0, 5_400_000, 2], [500_030, 5_400_000, 2]])
@@ -79,3 +80,36 @@ def test_new_normals_face_the_scanner(tmp_path: Path, more: list[str]) -> None:
     result = read(tmp_path / "b.ply")
     inwards = PLACES[result.attributes["scan_index"]] - result.points
     assert ((result.normals * inwards).sum(axis=1) > 0).mean() > 0.99
+
+
+def test_the_callers_sensor_comes_before_the_files(tmp_path: Path) -> None:
+    cloud = read(two_rooms(tmp_path / "a.ptx"))
+    places = scanner_places(cloud)
+    assert places is not None
+    np.testing.assert_array_equal(places, PLACES[cloud.attributes["scan_index"]])
+    np.testing.assert_array_equal(scanner_places(cloud, (1, 2, 3)), np.tile([1.0, 2, 3], (len(cloud), 1)))
+
+
+@pytest.mark.parametrize("how", ["drop", "mark"])
+def test_the_viewpoint_of_a_pcd_shows_flying_pixels(tmp_path: Path, how: str) -> None:
+    points, kinds = depth_image()
+    flavour = PcdFlavour(width=120, height=90, viewpoint="2 0 0 1 0 0 0")
+    tag = {"tag": np.arange(len(points), dtype=np.int32)}
+    write(tmp_path / "a.pcd", PointCloud(points=points + np.array([2, 0, 0]), attributes=tag, flavour=flavour))
+    write(tmp_path / "a.ply", PointCloud(points=points + np.array([2, 0, 0]), attributes=tag))
+    expected = np.flatnonzero(kinds["flying"])
+    for name, more in (("a.pcd", []), ("a.ply", ["--sensor", "2,0,0"])):
+        command = ["denoise", str(tmp_path / name), "-o", str(tmp_path / "b.npz"), "--iterations", "1"]
+        assert main([*command, "--outliers", how, *more, "--device", "cpu", "--quiet"]) == 0
+        result = read(tmp_path / "b.npz")
+        if how == "mark":
+            found = np.flatnonzero(result.attributes["outlier"])
+        else:
+            found = np.setdiff1d(tag["tag"], result.attributes["tag"])
+        assert np.isin(expected, found).mean() > 0.9, name
+
+
+def test_a_sensor_that_is_no_position_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path / "a.ply", PointCloud(points=room(PLACES[0])))
+    assert main(["denoise", str(tmp_path / "a.ply"), "-o", str(tmp_path / "b.ply"), "--sensor", "1,2"]) != 0
+    assert "three finite numbers with commas between them, such as 1.5,0,2, not '1,2'" in capsys.readouterr().err

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pcdnf.formats import PointCloud
-from pcdnf.geometry.outliers import drop_outliers, outlier_rows
-from tests.support.clouds import noisy_sphere
+from pcdnf.geometry.outliers import drop_outliers, outlier_rows, treat_outliers
+from tests.support.clouds import depth_image, noisy_sphere
 
 
 def test_points_far_from_all_others_are_found_and_no_others() -> None:
@@ -52,3 +52,35 @@ def test_copies_of_points_make_the_others_no_outliers() -> None:
 def test_too_few_or_equal_points_have_no_outlier(count: int) -> None:
     assert outlier_rows(np.ones((count, 3))).dtype == np.int64
     assert not len(outlier_rows(np.ones((count, 3))))
+
+
+def test_a_thin_wire_is_no_outlier() -> None:
+    wire = np.column_stack([np.linspace(0, 6, 12), np.zeros(12), np.full(12, 5.0)])
+    points = np.concatenate([noisy_sphere(4000, 0.005), wire, [[0.0, 20, 0]]])
+    assert outlier_rows(points).tolist() == [len(points) - 1]
+
+
+def test_rows_of_zeros_are_no_outliers() -> None:
+    points = np.concatenate([noisy_sphere(2000, 0.005) + 50, np.zeros((9, 3))])
+    assert not len(outlier_rows(points))
+
+
+def test_the_sensor_shows_points_between_two_surfaces() -> None:
+    points, kinds = depth_image()
+    assert np.isin(np.flatnonzero(kinds["flying"]), outlier_rows(points, (0, 0, 0))).mean() > 0.9
+    assert np.isin(np.flatnonzero(kinds["flying"]), outlier_rows(points)).mean() < 0.5
+
+
+def test_marking_adds_a_column_and_keeps_every_point() -> None:
+    points = noisy_sphere(500, 0.005)
+    points[[3, 100]] = [[4, 4, 4], [-5, 3, 3]]
+    marked = treat_outliers(PointCloud(points=points).aside(np.array([0]), "One row."), "mark").whole()
+    assert np.flatnonzero(marked.attributes["outlier"]).tolist() == [3, 100]
+    assert marked.attributes["outlier"].dtype == np.uint8
+    np.testing.assert_array_equal(marked.points, points)
+    assert not any("Outliers" in warning for warning in marked.warnings)
+
+
+def test_keeping_changes_nothing() -> None:
+    cloud = PointCloud(points=np.concatenate([noisy_sphere(500, 0.005), [[9.0, 9, 9]]]))
+    assert treat_outliers(cloud, "keep") is cloud

@@ -11,6 +11,7 @@ from pcdnf.inference.options import (
     check_initial,
     check_iterations,
     check_radius,
+    check_sensor,
 )
 
 
@@ -61,3 +62,15 @@ def test_raw_normals_that_cannot_be(value: Any) -> None:
     with pytest.raises(ChoiceError, match="auto, pca or input") as caught:
         check_initial(value)
     assert caught.value.code == "invalid_initial"
+
+
+@pytest.mark.parametrize(("value", "meant"), [("", None), ("1.5,0,2", (1.5, 0, 2)), ("-1e3, 2 ,3", (-1000, 2, 3))])
+def test_sensor(value: str, meant: tuple[float, float, float] | None) -> None:
+    assert check_sensor(value) == meant
+
+
+@pytest.mark.parametrize("value", ["1,2", "1,2,3,4", "a,b,c", "1 2 3", "nan,0,0", "0,inf,0"])
+def test_sensor_that_cannot_be(value: str) -> None:
+    with pytest.raises(ChoiceError, match="three finite numbers with commas") as caught:
+        check_sensor(value)
+    assert caught.value.code == "invalid_sensor"

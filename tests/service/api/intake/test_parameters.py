@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pcdnf.formats import PointCloud, read, write
+from tests.support.clouds import depth_image
 from tests.support.service_process import Service, sphere
 
 
@@ -51,6 +52,23 @@ def test_outliers_go_and_their_rows_are_named(running: Service, ball: Path) -> N
     assert result.metadata["dropped_rows"].startswith("7, 1200")
     assert any("Outliers were left out: 7, 1200" in str(warning) for warning in job["warnings"])  # type: ignore[union-attr]
     assert job["progress"] == {"done": job["progress"]["total"], "total": job["progress"]["total"], "unit": "points"}  # type: ignore[index]
+
+
+def test_outliers_are_marked_and_stay(running: Service, ball: Path) -> None:
+    _, result = _result(running, ball, outliers="mark", iterations="1")
+    assert len(result) == 3000
+    column = next(column for name, column in result.attributes.items() if "outlier" in name)
+    assert np.flatnonzero(column).tolist() == [7, 1200]
+    assert result.metadata["outliers"] == "mark"
+
+
+def test_the_sensor_shows_flying_pixels_and_the_side_of_normals(running: Service, tmp_path: Path) -> None:
+    points, kinds = depth_image()
+    write(tmp_path / "frame.ply", PointCloud(points=points + np.array([5, 0, 0])))
+    _, result = _result(running, tmp_path / "frame.ply", outliers="drop", sensor="5,0,0", iterations="1", orient="true")
+    assert len(points) - len(result) == pytest.approx(kinds["flying"].sum(), rel=0.1)
+    assert result.normals is not None
+    assert (((result.points - [5, 0, 0]) * result.normals).sum(1) < 0).mean() > 0.9
 
 
 def test_orient_follows_the_side_of_the_files_normals(running: Service, ball: Path) -> None:

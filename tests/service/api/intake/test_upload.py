@@ -69,7 +69,7 @@ def test_form_with_parameters_on_both_sides_of_the_file(api: httpx.Client, small
     assert response.json()["parameters"] == {
         "iterations": 2, "radius": "auto", "model": "pcdnf-lite", "seed": 7, "normals": "auto", "orient": False,
         "outliers": "keep", "nonfinite": "keep", "fast": False, "ignore_classes": "", "coordinates": "keep",
-        "diagnostics": False,
+        "diagnostics": False, "sensor": "",
     }  # fmt: skip
     assert response.json()["upload"]["name"] == "a"
 
@@ -176,7 +176,8 @@ def test_unsupported(api: httpx.Client, small: Path, headers: dict[str, str], co
         ("radius=-1", "radius: The radius must be auto, a length in the cloud's unit, or a percentage"),
         ("radius=200%25", "not '200%'"),
         ("orient=maybe", "orient"),
-        ("outliers=some", "'keep' or 'drop'"),
+        ("outliers=some", "'keep', 'drop' or 'mark'"),
+        ("sensor=1,2", "sensor: The sensor must be three finite numbers with commas between them"),
         ("iterations=5", "allows 4"),
         ("seed=-1", "must be at least 0"),
         ("seed=4294967296", "less than"),
