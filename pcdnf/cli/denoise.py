@@ -137,6 +137,7 @@ def _denoise(options: argparse.Namespace) -> int:
     from ..formats.aside import points_to_fit
     from ..formats.attributes import with_columns
     from ..formats.files import format_to_write
+    from ..formats.geographic import check_metric
     from ..formats.scanner_positions import known_sides, scanner_places
 
     for path in filter(None, (options.output, options.picture)):
@@ -146,6 +147,7 @@ def _denoise(options: argparse.Namespace) -> int:
     check_radius(options.radius)
     options.sensor = check_sensor(options.sensor)
     cloud = read(options.input, limits=Limits(nonfinite=options.nonfinite))
+    check_metric(cloud)
     cloud = points_to_fit(cloud, options.ignore_classes)
     if options.outliers != "keep":
         from ..geometry.outliers import treat_outliers

@@ -20,6 +20,7 @@ CODES = {
     "encrypted_archive": "an NPZ member is encrypted",
     "extent_out_of_range": "the bounding-box diagonal is outside [1e-12, 1e12]",
     "file_too_large": "the file, or what it inflates to, is over the byte limit",
+    "geographic_coordinates": "x and y are degrees, heights are metres",
     "header_too_long": "a header, or a line or a list in it, is over its limit",
     "member_too_large": "an NPZ member that carries text is over its limit",
     "missing_column": "a column that was asked for is not in the file",

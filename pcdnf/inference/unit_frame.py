@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import PcdnfError
+from ..formats.geographic import HINT, looks_geographic
 from ..formats.limits import EXTENT_RANGE
 from ..geometry.distinct import void_rows
 
@@ -26,7 +27,7 @@ def checked_points(points: ArrayLike, fewest: int) -> NDArray[np.float64]:
     Raises
     ------
     CloudError
-        ``bad_shape``, or ``too_few_points`` where there are less than ``fewest``.
+        ``bad_shape``, ``too_few_points`` where there are less than ``fewest``, or ``geographic_coordinates``.
     """
     given: NDArray[np.float64] = np.ascontiguousarray(_rows_of_three(points, "Points"), np.float64)
     if len(given) < fewest:
@@ -34,6 +35,10 @@ def checked_points(points: ArrayLike, fewest: int) -> NDArray[np.float64]:
             f"The cloud has {len(given)} points; the network needs at least {fewest}.",
             code="too_few_points",
             hint="Use a denser or larger part of the scan.",
+        )
+    if looks_geographic(given):
+        raise CloudError(
+            "The coordinates look like degrees with heights in metres.", code="geographic_coordinates", hint=HINT
         )
     return given
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..aside import points_to_fit
 from ..files import is_text, read
+from ..geographic import check_metric
 from ..limits import Limits, bounds
 from ..packed import is_packed, unpack
 from .limits import add_restraints, guarded, restrain
@@ -60,7 +61,9 @@ def _answer(given: argparse.Namespace, limits: Limits) -> dict[str, Any]:
 
 def describe(path: str, limits: Limits, *, text: bool, classes: Sequence[int] = ()) -> dict[str, Any]:
     """Return the object that :func:`main` prints for a file that can be read."""
-    cloud = points_to_fit(read(path, limits=limits, text=text), classes, limits)
+    cloud = read(path, limits=limits, text=text)
+    check_metric(cloud)
+    cloud = points_to_fit(cloud, classes, limits)
     low, high = bounds(cloud.points) if len(cloud) else (0.0, 0.0)
     return {
         "ok": True,
