@@ -136,6 +136,7 @@ def _denoise(options: argparse.Namespace) -> int:
     from ..formats import Limits, read
     from ..formats.aside import points_to_fit
     from ..formats.attributes import with_columns
+    from ..formats.coordinates import without_steps
     from ..formats.files import format_to_write
     from ..formats.geographic import check_metric
     from ..formats.scanner_positions import known_sides, scanner_places
@@ -162,7 +163,7 @@ def _denoise(options: argparse.Namespace) -> int:
     began = time.monotonic()
     result = _run(denoiser, cloud, options)
     seconds = time.monotonic() - began
-    normals = result.normals
+    normals, cloud = result.normals, without_steps(cloud, float(result.metadata["estimated_noise"]))
     if options.orient:
         from ..geometry.orientation import orient_normals
 

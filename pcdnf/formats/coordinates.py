@@ -15,6 +15,8 @@ Coordinates = Literal["keep", "float32", "float64"]
 
 STEPS = 20
 """Steps of float32 between two neighbouring points, at least, for coordinates to count as exact."""
+STEPS_OF_NOISE = 1000
+"""The same where the steps exceed the noise; finer ones do no harm, however smooth a cloud is."""
 _FAR = 10_000
 """Distance from the origin from which on coordinates are moved before they become float32."""
 _ROUND = 1000
@@ -26,12 +28,20 @@ def spacing(points: Array) -> float:
     return math.hypot(*(high - low).tolist()) / math.sqrt(len(points))
 
 
-def without_steps(cloud: PointCloud) -> PointCloud:
-    """Return the cloud with float64 coordinates and a warning if the steps of its float32 ones are too coarse."""
+def without_steps(cloud: PointCloud, noise: float = math.inf) -> PointCloud:
+    """Return the cloud with float64 coordinates and a warning if the steps of its float32 ones are too coarse.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+    noise : float, optional
+        Standard deviation of the points from the surface, where it is known: steps shall not exceed it.
+    """
     if cloud.points.dtype != np.float32:
         return cloud
     step = float(np.spacing(np.abs(cloud.points).max()))
-    if step * STEPS <= spacing(cloud.points):
+    usual = spacing(cloud.points)
+    if step * STEPS <= usual and (step <= noise or step * STEPS_OF_NOISE <= usual):
         return cloud
     holes = cloud.holes
     return replace(

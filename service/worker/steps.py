@@ -22,6 +22,7 @@ from pcdnf.errors import PcdnfError
 from pcdnf.file_formats import FORMATS
 from pcdnf.formats import write
 from pcdnf.formats.attributes import with_columns
+from pcdnf.formats.coordinates import without_steps
 from pcdnf.formats.scanner_positions import known_sides
 from pcdnf.geometry.orientation import orient_normals
 from pcdnf.inference.diagnostics import diagnose
@@ -226,7 +227,7 @@ def finish(runtime: Runtime, job: Job, last: str) -> Outcome:
 def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Outcome:
     parameters = job.parameters
     plan = planned(job)
-    given = read_upload(runtime, job)
+    given = without_steps(read_upload(runtime, job), plan.scale.noise)
     denoiser = runtime.models.get(parameters["model"])
     metadata = denoiser.metadata(seed=parameters["seed"], plan=plan, initial=parameters["normals"])
     metadata |= {"orient": "on" if parameters["orient"] else "off", "outliers": parameters["outliers"]}

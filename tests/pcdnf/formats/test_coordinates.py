@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pcdnf.cli import main
 from pcdnf.formats import NpzFlavour, PcdFlavour, PlyFlavour, PointCloud, read, write
+from pcdnf.formats.coordinates import without_steps
 
 NEAR = np.random.default_rng(0).normal(size=(400, 3))
 OFFSET = np.array([500_000, 5_400_000, 0])
@@ -25,6 +27,21 @@ def test_coarse_steps_are_warned_of_and_kept_out_of_results(
     np.testing.assert_allclose(read(tmp_path / "b").points, NEAR + OFFSET, atol=2e-8, rtol=0)
     write(tmp_path / "near", PointCloud(points=NEAR.astype(np.float32), flavour=flavour))
     assert read(tmp_path / "near").points.dtype == np.float32
+
+
+def test_steps_above_the_noise_are_kept_out_of_the_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    x, y = np.random.default_rng(1).uniform(0, 40, (2, 1200))
+    sheet = np.column_stack([x, y, 0.2 * np.sin(x / 8)])
+    sheet[:, 2] += np.random.default_rng(2).normal(0, 0.003, len(sheet))
+    write(tmp_path / "a.ply", PointCloud(points=(sheet + np.array([500_000, 0, 0])).astype(np.float32)))
+    given = read(tmp_path / "a.ply")
+    assert given.points.dtype == np.float32
+    assert without_steps(given, 0.1) is given
+    assert without_steps(PointCloud(points=sheet.astype(np.float32)), 0.0).points.dtype == np.float32
+    command = ["denoise", str(tmp_path / "a.ply"), "-o", str(tmp_path / "b.ply"), "--iterations", "1"]
+    assert main([*command, "--device", "cpu", "--quiet"]) == 0
+    assert "steps of 0.031" in capsys.readouterr().err
+    assert read(tmp_path / "b.ply").points.dtype == np.float64
 
 
 @pytest.mark.parametrize("ending", ["ply", "pcd", "npz"])
