@@ -111,20 +111,35 @@ const wait = (milliseconds, signal) =>
 const POLL_MS = 500;
 const LONGEST_POLL_MS = 3000;
 const PATIENCE_MS = 60000; // of a service that is being restarted
+const ANSWER_MS = 10000; // after which a request for a job counts as lost
 
-/** Ask for a job until it has ended; `seen` is told every state. Returns the ended job. */
-export async function follow(id, { seen, signal }) {
+/** Return the answer to a request for a job; one that does not come in time counts as a lost connection. */
+async function ask(id, etag, signal) {
+  const late = AbortSignal.timeout(ANSWER_MS);
+  try {
+    return await request(`jobs/${id}`, {
+      signal: AbortSignal.any([signal, late]),
+      cache: "no-store",
+      headers: etag ? { "If-None-Match": etag } : {},
+    });
+  } catch (error) {
+    throw late.aborted && !signal.aborted ? new Problem(LOST) : error;
+  }
+}
+
+/**
+ * Ask for a job until it has ended, and return it. `seen` is told every state; `lost` is told a problem as soon as the
+ * service does not answer, and null once it does again.
+ */
+export async function follow(id, { seen, lost, signal }) {
   let etag = "";
   let pause = POLL_MS;
   let reached = Date.now();
   for (;;) {
     try {
-      const response = await request(`jobs/${id}`, {
-        signal,
-        cache: "no-store",
-        headers: etag ? { "If-None-Match": etag } : {},
-      });
+      const response = await ask(id, etag, signal);
       reached = Date.now();
+      lost(null);
       if (response.status === 200) {
         const job = await response.json();
         etag = response.headers.get("ETag") ?? "";
@@ -135,6 +150,8 @@ export async function follow(id, { seen, signal }) {
     } catch (error) {
       const passing = error.code === "connection_lost" || error.status >= 503;
       if (!passing || Date.now() - reached > PATIENCE_MS) throw error;
+      lost(error);
+      pause = POLL_MS;
     }
     await wait(pause, signal);
     pause = Math.min(LONGEST_POLL_MS, pause * 1.2);

@@ -40,7 +40,7 @@ function begin() {
 function home() {
   begin();
   current = null;
-  $("file-name").textContent = "";
+  name("");
   document.title = "PCDNF: denoise a point cloud";
   state("empty");
 }
@@ -64,7 +64,7 @@ function fail(error, again = null) {
 async function upload(file) {
   const signal = begin();
   current = null;
-  $("file-name").textContent = file.name;
+  name(file.name);
   progress.start(file.name);
   progress.upload(0);
   state("busy");
@@ -87,16 +87,21 @@ async function open(id) {
   try {
     const seen = (job) => {
       current = job;
-      $("file-name").textContent = fileName(job);
+      name(fileName(job));
       progress.job(job);
     };
-    const job = await follow(id, { seen, signal });
+    const job = await follow(id, { seen, lost: (problem) => progress.lost(problem), signal });
     if (job.status === "succeeded") await show(job, signal);
     else if (job.status === "failed") throw new Problem(job.problem);
     else throw new Problem({ title: "Cancelled", detail: "The job was cancelled.", hint: "Its upload was removed." });
   } catch (error) {
     if (!signal.aborted) fail(error, error.code === "connection_lost" ? () => open(id) : null);
   }
+}
+
+function name(text) {
+  for (const id of ["file-name", "subject"]) $(id).textContent = text;
+  $("file-name").title = text;
 }
 
 const fileName = ({ upload }) => `${upload.name ?? "cloud"}.${upload.format}`;
@@ -265,6 +270,8 @@ function listen() {
   });
   window.addEventListener("hashchange", route);
   window.addEventListener("popstate", route);
+  window.addEventListener("offline", () => say("This device has lost its network connection."));
+  window.addEventListener("online", () => say("The network connection is back."));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => controls?.stage.draw());
 }
 

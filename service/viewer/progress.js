@@ -15,6 +15,7 @@ export class Progress {
   start(name) {
     $("busy-file").textContent = name;
     $("cancel").disabled = false;
+    this.lost(null);
     for (const row of $("steps").children) row.querySelector("output").textContent = "";
   }
 
@@ -38,6 +39,11 @@ export class Progress {
     } else if (job.status === "cancelling") {
       this.step("denoise", "Stopping", null, "");
     }
+  }
+
+  /** Say that the service does not answer; null once it does again. */
+  lost(problem) {
+    $("busy-lost").textContent = problem ? `${problem.detail} Trying again for a minute; the job goes on meanwhile.` : "";
   }
 
   show(share) {

@@ -26,11 +26,11 @@ def test_the_page_asks_for_the_key_and_keeps_it_in_its_tab(make_page: MakePage, 
         expect(page.locator("#key-text")).to_have_text("The service does not know the key that was sent.")
         page.fill("#key", KEY)
         page.keyboard.press("Enter")
-        expect(page.locator("#busy-text")).to_have_text("Next in the queue")
+        expect(page.locator("#busy-text")).to_have_text("Next in the queue", timeout=60_000)
         kept = "[document.cookie, ...Object.values(localStorage), '|', ...Object.values(sessionStorage)]"
         assert page.evaluate(kept) == ["", "|", KEY]
         page.reload()
-        expect(page.locator("#busy-text")).to_have_text("Next in the queue")
+        expect(page.locator("#busy-text")).to_have_text("Next in the queue", timeout=60_000)
         expect(dialog).to_be_hidden()
         page.click("#cancel")
         wait_state(page, "problem")
