@@ -1,6 +1,7 @@
 // The page: a file becomes a job, a job becomes a picture. The address `#/jobs/ID` opens a job again.
 
 import { Problem, bytes, follow, key, onKeyNeeded, request, submit } from "./api.js";
+import { read, write } from "./address.js";
 import { Controls } from "./controls.js";
 import { parse } from "./display.js";
 import { installKeys } from "./keys.js";
@@ -71,7 +72,7 @@ async function upload(file) {
   try {
     const job = await submit(file, { progress: (share) => progress.upload(share), signal });
     if (signal.aborted) return;
-    history.pushState(null, "", `#/jobs/${job.id}`);
+    history.pushState(null, "", write(job.id));
     await open(job.id);
   } catch (error) {
     fail(error, error.code === "connection_lost" || error.status >= 500 ? () => upload(file) : null);
@@ -120,7 +121,7 @@ async function show(job, signal) {
   }
   state("result");
   $("stage").dataset.drawing = String(display !== null);
-  if (display) controls.load(display);
+  if (display) controls.load(display, read(location.hash).look);
   showNumbers($("numbers"), job, display);
   choose(job.upload.format);
   offer();
@@ -213,9 +214,19 @@ function askForKey(sent) {
 }
 
 function route() {
-  const [, id] = location.hash.match(/^#\/jobs\/([\w-]+)$/) ?? [];
+  const { id, look } = read(location.hash);
   if (!id) home();
   else if (id !== current?.id) open(id);
+  else if (root.dataset.state === "result" && controls?.display) controls.look = look;
+}
+
+/** Let the address say what is seen, so that a link shows it; a moment later, for browsers limit how often. */
+function remember() {
+  clearTimeout(remember.timer);
+  remember.timer = setTimeout(() => {
+    if (root.dataset.state !== "result" || read(location.hash).id !== current?.id) return;
+    history.replaceState(null, "", write(current.id, controls.look));
+  }, 200);
 }
 
 function take(files) {
@@ -279,7 +290,7 @@ function start() {
   const background = () => getComputedStyle($("stage")).getPropertyValue("--stage").trim();
   try {
     const save = async () => keep(await controls.stage.picture(), `${current.upload.name ?? "cloud"}_${controls.stage.view}.png`);
-    controls = new Controls(new Stage($("canvas"), background), { announce, save });
+    controls = new Controls(new Stage($("canvas"), background), { announce, save, changed: remember });
   } catch {
     say("This browser cannot draw in three dimensions (WebGL is off). Denoising and downloads work without.");
   }

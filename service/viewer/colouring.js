@@ -53,8 +53,8 @@ export function coloured(display, colouring, up) {
   if (colouring === "file" && before.COLOR_0) return { before: before.COLOR_0, after: before.COLOR_0, lit: true };
   if (colouring === "height") {
     const [low, high] = heights(display, up);
-    const axis = up === "z" ? 2 : 1;
-    const of = (mesh) => mapped(shown, MAPS.height, low, high, (index) => mesh.POSITION[index * 3 + axis]);
+    const { axis, sign } = along(up);
+    const of = (mesh) => mapped(shown, MAPS.height, low, high, (index) => sign * mesh.POSITION[index * 3 + axis]);
     return { before: of(before), after: of(after), lit: true };
   }
   if (colouring === "displacement") {
@@ -66,8 +66,13 @@ export function coloured(display, colouring, up) {
   return { before: same, after: same, lit: true };
 }
 
-/** Lowest and highest coordinate along the axis that points up, of the box of 1 to 99 per cent. */
+/** The number of the axis that points up, and -1 where its negative end does. */
+export function along(up) {
+  return { axis: "xyz".indexOf(up.at(-1)), sign: up.startsWith("-") ? -1 : 1 };
+}
+
+/** Lowest and highest height of the box of 1 to 99 per cent, measured upwards. */
 export function heights({ box }, up) {
-  const axis = up === "z" ? 2 : 1;
-  return [box[0][axis], box[1][axis]];
+  const { axis, sign } = along(up);
+  return [box[0][axis] * sign, box[1][axis] * sign].sort((a, b) => a - b);
 }

@@ -1,6 +1,6 @@
 // What the colours mean: a bar with its ends, and the histogram of displacements.
 
-import { MAPS, heights } from "./colouring.js";
+import { MAPS, along, heights } from "./colouring.js";
 import { value } from "./numbers.js";
 
 const NS = "http://www.w3.org/2000/svg";
@@ -66,10 +66,10 @@ export function showScale(element, display, colouring, up) {
     element.replaceChildren(histogram(displacement), bar(MAPS.displacement), ends("0", value(displacement.p99)),
       note("How far points moved, in the file's unit, up to the 99th percentile. Lines: median and 95 %."));
   } else if (colouring === "height") {
-    const axis = up === "z" ? 2 : 1;
-    const [low, high] = heights(display, up).map((height) => height + display.centre[axis]);
+    const { axis, sign } = along(up);
+    const [low, high] = heights(display, up).map((height) => height * sign + display.centre[axis]);
     element.replaceChildren(bar(MAPS.height), ends(value(low), value(high)),
-      note(`${up.toUpperCase()} in the file's unit, from the 1st to the 99th percentile.`));
+      note(`${"XYZ"[axis]} in the file's unit, from the 1st to the 99th percentile.`));
   } else if (colouring === "normal") {
     const swatches = document.createElement("div");
     swatches.className = "swatches";

@@ -23,9 +23,11 @@ CUT_OFF = """() => [...document.querySelectorAll('body *')]
     .map(e => [e.outerHTML.slice(0, 90), e.getBoundingClientRect()])
     .filter(([, box]) => box.right > innerWidth + 0.5 || box.left < -0.5).map(([text]) => text)"""
 GAPS = """() => [...document.querySelectorAll('.panel, .panel *, .card, .card *')]
-    .filter(e => e.checkVisibility({visibilityProperty: true}) && e.children.length && !e.closest('label, svg, select, dl'))
-    .filter(e => e.getBoundingClientRect().bottom - Math.max(...[...e.children].map(c => c.getBoundingClientRect().bottom)) > 48)
-    .map(e => e.outerHTML.slice(0, 90))"""
+    .filter(e => e.checkVisibility({visibilityProperty: true}) && e.children.length)
+    .filter(e => !e.closest('label, svg, select, dl'))
+    .map(e => [e, [...e.children].map(child => child.getBoundingClientRect().bottom)])
+    .filter(([e, bottoms]) => e.getBoundingClientRect().bottom - Math.max(...bottoms) > 48)
+    .map(([e]) => e.outerHTML.slice(0, 90))"""
 
 
 @pytest.fixture(scope="module")

