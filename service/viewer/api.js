@@ -59,14 +59,14 @@ export async function request(path, options = {}) {
   }
 }
 
-/** Upload a file and return its job; `progress` is told the share sent, 0 to 1. */
-export async function submit(file, { progress, signal }) {
+/** Upload a file with parameters and return its job; `progress` is told the share sent, 0 to 1. */
+export async function submit(file, { parameters, progress, signal }) {
   await request("jobs?limit=1", { signal }); // a missing key is noticed before a long upload
   const form = new FormData();
   form.append("file", file, file.name);
   return new Promise((resolve, reject) => {
     const upload = new XMLHttpRequest();
-    upload.open("POST", "denoise");
+    upload.open("POST", `denoise?${new URLSearchParams(parameters)}`);
     for (const [name, value] of Object.entries(authorization())) upload.setRequestHeader(name, value);
     upload.upload.addEventListener("progress", (event) => {
       if (event.lengthComputable) progress(event.loaded / event.total);

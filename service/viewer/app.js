@@ -1,11 +1,16 @@
 // The page: a file becomes a job, a job becomes a picture. The address `#/jobs/ID` opens a job again.
 
-import { Problem, bytes, follow, key, onKeyNeeded, request, submit } from "./api.js";
 import { read, write } from "./address.js";
+import { Again } from "./again.js";
+import { Problem, bytes, follow, onKeyNeeded, request, submit } from "./api.js";
+import { Comparison } from "./comparison.js";
 import { Controls } from "./controls.js";
 import { parse } from "./display.js";
+import { Downloads, keep } from "./downloads.js";
+import { askForKey } from "./key_dialog.js";
 import { installKeys } from "./keys.js";
 import { showNumbers } from "./numbers.js";
+import { Options } from "./options.js";
 import { Progress } from "./progress.js";
 import { Stage } from "./stage.js";
 
@@ -16,6 +21,18 @@ let controls = null; // there where the browser has WebGL
 let work = new AbortController(); // what the page is doing now
 let current = null; // the job that is followed or shown
 let retry = null; // what the problem's first button does
+let picked = null; // what is done with the next file that is chosen, in place of the usual
+const options = new Options($("options"), "first");
+const downloads = new Downloads({ say, changed: remember });
+const comparison = new Comparison({ say, show: (display, names) => {
+  controls.load(display, controls.look);
+  controls.name(names);
+  remember();
+} });
+const again = new Again({ run: upload, fail, pick: (then) => {
+  picked = then;
+  $("input").click();
+} });
 
 const state = (name) => (root.dataset.state = name);
 
@@ -62,7 +79,7 @@ function fail(error, again = null) {
   $("problem-title").focus();
 }
 
-async function upload(file) {
+async function upload(file, { format = "", ...parameters } = options.values) {
   const signal = begin();
   current = null;
   name(file.name);
@@ -70,17 +87,20 @@ async function upload(file) {
   progress.upload(0);
   state("busy");
   try {
-    const job = await submit(file, { progress: (share) => progress.upload(share), signal });
+    const job = await submit(file, { parameters, progress: (share) => progress.upload(share), signal });
     if (signal.aborted) return;
-    history.pushState(null, "", write(job.id));
+    again.hold(job.id, file);
+    history.pushState(null, "", write(job.id, { format }));
     await open(job.id);
   } catch (error) {
-    fail(error, error.code === "connection_lost" || error.status >= 500 ? () => upload(file) : null);
+    const passing = error.code === "connection_lost" || error.status >= 500;
+    fail(error, passing ? () => upload(file, { format, ...parameters }) : null);
   }
 }
 
 async function open(id) {
   const signal = begin();
+  comparison.against = "";
   current = { id };
   progress.start("");
   progress.step("queue", "Asking for the job", null, "");
@@ -121,54 +141,20 @@ async function show(job, signal) {
   }
   state("result");
   $("stage").dataset.drawing = String(display !== null);
-  if (display) controls.load(display, read(location.hash).look);
+  const { look } = read(location.hash);
+  downloads.show(job, look.format);
+  $("comparison").hidden = true;
+  if (display) {
+    controls.load(display, look);
+    controls.name(["Before", "After"]);
+    comparison.offer(job, display, look.against, signal).catch((error) => say(String(error.detail ?? error)));
+  }
   showNumbers($("numbers"), job, display);
-  choose(job.upload.format);
-  offer();
   const expires = new Date(job.expires_at);
   $("kept").textContent = `Full precision. Kept until ${expires.toLocaleString([], { dateStyle: "medium", timeStyle: "short" })}.`;
   $("warnings").replaceChildren(...job.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
   document.title = `${fileName(job)} · PCDNF`;
   announce("The result is shown.");
-}
-
-/** Choose a format; one that not every service knows is known to this one, since the file came in it. */
-function choose(format) {
-  const known = [...$("format").options].some(({ value }) => value === format);
-  if (!known) $("format").append(new Option(format.toUpperCase(), format));
-  $("format").value = format;
-}
-
-/** Let the download be in the format that is chosen. */
-function offer() {
-  $("download").href = `${current.links.result.slice(1)}?format=${$("format").value}`;
-}
-
-/** See that the file can be had, so that a problem is shown in words, then let the browser fetch it. */
-async function download(event) {
-  event.preventDefault();
-  const anchor = event.currentTarget;
-  if (anchor.ariaBusy === "true") return;
-  anchor.ariaBusy = "true";
-  const address = anchor.getAttribute("href");
-  try {
-    if (key()) { // which the browser would not send by itself
-      keep(await (await request(address)).blob(), `${current.upload.name ?? "cloud"}_denoised.${$("format").value}`);
-    } else {
-      await request(address, { headers: { Range: "bytes=0-0" }, cache: "no-store" });
-      Object.assign(document.createElement("a"), { href: address, download: "" }).click();
-    }
-  } catch (error) {
-    say(error.detail ? `${error.detail} ${error.hint ?? ""}` : String(error));
-  } finally {
-    anchor.ariaBusy = "false";
-  }
-}
-
-function keep(blob, name) {
-  const anchor = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name });
-  anchor.click();
-  setTimeout(() => URL.revokeObjectURL(anchor.href), 60000);
 }
 
 async function cancel() {
@@ -193,26 +179,6 @@ async function sample() {
   }
 }
 
-function askForKey(sent) {
-  const dialog = $("key-dialog");
-  $("key-text").textContent = sent ? "The service does not know the key that was sent." : "This service asks for a key.";
-  $("key").value = "";
-  dialog.showModal();
-  return new Promise((resolve) => {
-    const settle = (value) => (event) => {
-      event.preventDefault();
-      dialog.close();
-      listeners.abort();
-      resolve(value());
-    };
-    const listeners = new AbortController();
-    const { signal } = listeners;
-    $("key-form").addEventListener("submit", settle(() => $("key").value.trim()), { signal });
-    $("key-cancel").addEventListener("click", settle(() => null), { signal });
-    dialog.addEventListener("cancel", settle(() => null), { signal });
-  });
-}
-
 function route() {
   const { id, look } = read(location.hash);
   if (!id) home();
@@ -225,14 +191,17 @@ function remember() {
   clearTimeout(remember.timer);
   remember.timer = setTimeout(() => {
     if (root.dataset.state !== "result" || read(location.hash).id !== current?.id) return;
-    history.replaceState(null, "", write(current.id, controls.look));
+    const { format } = downloads;
+    history.replaceState(null, "", write(current.id, { ...controls?.look, format, against: comparison.against }));
   }, 200);
 }
 
 function take(files) {
   if (!files.length) return;
   if (files.length > 1) say(`One file at a time: ${files[0].name} is taken.`);
-  upload(files[0]);
+  if (picked) picked(files[0]);
+  else if (options.check()) upload(files[0]);
+  picked = null;
 }
 
 function toggleTheme() {
@@ -253,15 +222,16 @@ function leave() {
 
 function listen() {
   $("pick").addEventListener("click", () => $("input").click());
+  $("input").addEventListener("cancel", () => (picked = null));
   $("problem-pick").addEventListener("click", () => $("input").click());
   $("problem-home").addEventListener("click", leave);
   $("problem-retry").addEventListener("click", () => retry?.());
   $("another").addEventListener("click", leave);
   $("sample").addEventListener("click", sample);
   $("cancel").addEventListener("click", cancel);
+  $("again").addEventListener("click", () => again.show(current, downloads.format));
+  $("more").addEventListener("toggle", () => options.models().catch(fail));
   $("theme").addEventListener("click", toggleTheme);
-  $("download").addEventListener("click", download);
-  $("format").addEventListener("change", offer);
   $("input").addEventListener("change", () => {
     take([...$("input").files]);
     $("input").value = "";

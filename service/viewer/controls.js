@@ -74,6 +74,15 @@ export class Controls {
     if (camera) this.stage.eye.text = camera;
   }
 
+  /** Name the two sides of the picture. */
+  name([before, after]) {
+    for (const [side, text] of [["before", before], ["after", after]]) {
+      $(`tag-${side}`).textContent = text;
+      $(`flip-${side}`).textContent = text;
+    }
+    $("displacement").textContent = this.display.against ? "Difference" : "Displacement";
+  }
+
   view(view) {
     for (const radio of radios("view")) radio.checked = radio.value === view;
     this.stage.set({ view });

@@ -64,7 +64,8 @@ export function showScale(element, display, colouring, up) {
   if (colouring === "displacement") {
     const { displacement } = display;
     element.replaceChildren(histogram(displacement), bar(MAPS.displacement), ends("0", value(displacement.p99)),
-      note("How far points moved, in the file's unit, up to the 99th percentile. Lines: median and 95 %."));
+      note(`${display.against ? "How far the two results lie apart" : "How far points moved"}, in the file's unit, ` +
+        "up to the 99th percentile. Lines: median and 95 %."));
   } else if (colouring === "height") {
     const { axis, sign } = along(up);
     const [low, high] = heights(display, up).map((height) => height * sign + display.centre[axis]);
