@@ -42,12 +42,15 @@ class Diagnostics:
             "confidence": self.confidence,
         }
 
-    def metadata(self) -> dict[str, str]:
-        """Shares of the points that were moved, left where they came, and moved doubtfully far."""
+    def shares(self) -> dict[str, float]:
+        """Return the shares of points, 0 to 1: ``moved``, ``left`` where they came, and moved ``doubtful`` far."""
         moved = self.displacement > 0
         doubtful = moved & (self.confidence < DOUBTFUL)
-        shares = {"moved": moved, "left": ~moved, "doubtful": doubtful}
-        return {name: f"{each.mean():.2%}" for name, each in shares.items()}
+        return {name: float(each.mean()) for name, each in (("moved", moved), ("left", ~moved), ("doubtful", doubtful))}
+
+    def metadata(self) -> dict[str, str]:
+        """Return the shares as a result records them."""
+        return {name: f"{share:.2%}" for name, share in self.shares().items()}
 
 
 def diagnose(came: NDArray[np.floating], moved: NDArray[np.floating], noise: NDArray[np.floating]) -> Diagnostics:

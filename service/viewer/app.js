@@ -8,11 +8,13 @@ import { Controls } from "./controls.js";
 import { parse } from "./display.js";
 import { Downloads, keep } from "./downloads.js";
 import { askForKey } from "./key_dialog.js";
+import { showNumbers } from "./facts.js";
 import { installKeys } from "./keys.js";
-import { showNumbers } from "./numbers.js";
 import { Options } from "./options.js";
 import { Progress } from "./progress.js";
 import { Stage } from "./stage.js";
+import { UNITS, fileUnit, setFileUnit } from "./units.js";
+import { verdict } from "./verdict.js";
 
 const $ = (id) => document.getElementById(id);
 const root = document.documentElement;
@@ -21,6 +23,7 @@ let controls = null; // there where the browser has WebGL
 let work = new AbortController(); // what the page is doing now
 let current = null; // the job that is followed or shown
 let retry = null; // what the problem's first button does
+let tell = () => {}; // shows the figures of the result again, after a change of the unit
 let picked = null; // what is done with the next file that is chosen, in place of the usual
 const options = new Options($("options"), "first");
 const downloads = new Downloads({ say, changed: remember });
@@ -43,6 +46,8 @@ function say(text) {
   clearTimeout(toast.timer);
   toast.timer = setTimeout(() => toast.classList.remove("shown"), 5000);
 }
+
+const paragraph = (textContent) => Object.assign(document.createElement("p"), { textContent });
 
 function announce(text) {
   $("live").textContent = text;
@@ -149,7 +154,12 @@ async function show(job, signal) {
     controls.name(["Before", "After"]);
     comparison.offer(job, display, look.against, signal).catch((error) => say(String(error.detail ?? error)));
   }
-  showNumbers($("numbers"), job, display);
+  tell = () => {
+    showNumbers($("numbers"), job, display);
+    $("verdict").replaceChildren(...verdict(job, display).map((text) => paragraph(text)));
+    controls?.scale();
+  };
+  tell();
   const expires = new Date(job.expires_at);
   $("kept").textContent = `Full precision. Kept until ${expires.toLocaleString([], { dateStyle: "medium", timeStyle: "short" })}.`;
   $("warnings").replaceChildren(...job.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
@@ -230,6 +240,12 @@ function listen() {
   $("sample").addEventListener("click", sample);
   $("cancel").addEventListener("click", cancel);
   $("again").addEventListener("click", () => again.show(current, downloads.format));
+  $("unit").append(...UNITS.map((unit) => new Option(unit || "Unknown", unit)));
+  $("unit").value = fileUnit();
+  $("unit").addEventListener("change", () => {
+    setFileUnit($("unit").value);
+    tell();
+  });
   $("more").addEventListener("toggle", () => options.models().catch(fail));
   $("theme").addEventListener("click", toggleTheme);
   $("input").addEventListener("change", () => {

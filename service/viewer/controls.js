@@ -105,8 +105,13 @@ export class Controls {
     radio.checked = true;
     this.colouring = colouring;
     this.stage.colour(coloured(this.display, colouring, this.stage.up));
-    showScale($("scale"), this.display, colouring, this.stage.up);
+    this.scale();
     this.changed();
+  }
+
+  /** Say what the colours mean. */
+  scale() {
+    if (this.display) showScale($("scale"), this.display, this.colouring, this.stage.up);
   }
 
   /** Set the size of points: ten steps are a factor of two. */

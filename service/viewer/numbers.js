@@ -1,4 +1,4 @@
-// Numbers as people read them, and the table of them beside the picture.
+// Numbers as people read them.
 
 const whole = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 
@@ -23,44 +23,4 @@ export function seconds(number) {
 export function ordinal(number) {
   const ending = { one: "st", two: "nd", few: "rd", other: "th" };
   return `${number}${ending[new Intl.PluralRules("en", { type: "ordinal" }).select(number)]}`;
-}
-
-/** Rows of [name, text, note] for a finished job and, where there is one, its display file. */
-export function rows(job, display) {
-  const points = [["Points", count(display?.points ?? job.upload.points),
-    display && display.shown < display.points ? `${count(display.shown)} drawn` : ""]];
-  const moved = display && [
-    ["Displacement", "", "in the file's unit"],
-    ["mean", value(display.displacement.mean), ""],
-    ["median", value(display.displacement.median), ""],
-    ["95 %", value(display.displacement.p95), ""],
-  ];
-  const took = (Date.parse(job.finished_at) - Date.parse(job.started_at)) / 1000;
-  const { execution } = job;
-  const passes = execution.plan?.radii.length;
-  return [
-    ...points,
-    ...(moved ?? []),
-    ["Time", seconds(took), passes ? `${passes} ${passes === 1 ? "pass" : "passes"}` : ""],
-    ["Device", execution.device, execution.cpu_fallback ? "no GPU found" : ""],
-    ["Model", execution.model, ""],
-  ];
-}
-
-export function showNumbers(element, job, display) {
-  element.replaceChildren(...rows(job, display).map(([name, text, note]) => {
-    const row = document.createElement("div");
-    const term = document.createElement("dt");
-    term.textContent = name;
-    const detail = document.createElement("dd");
-    detail.textContent = text;
-    if (["mean", "median", "95 %"].includes(name)) row.className = "part";
-    if (note) {
-      const small = document.createElement("small");
-      small.textContent = note;
-      detail.append(" ", small);
-    }
-    row.append(term, detail);
-    return row;
-  }));
 }

@@ -1,7 +1,7 @@
 // What the colours mean: a bar with its ends, and the histogram of displacements.
 
 import { MAPS, along, heights } from "./colouring.js";
-import { value } from "./numbers.js";
+import { length, unitNote } from "./units.js";
 
 const NS = "http://www.w3.org/2000/svg";
 
@@ -54,7 +54,7 @@ function histogram({ histogram: counts, p99, median, p95 }) {
     return svg("line", { x1: x, x2: x, y1: 0, y2: 40, class: "mark", "vector-effect": "non-scaling-stroke" });
   });
   return svg("svg", { class: "histogram", viewBox: "0 0 100 40", preserveAspectRatio: "none", role: "img",
-    "aria-label": `Histogram of displacements: median ${value(median)}, 95 per cent below ${value(p95)}` },
+    "aria-label": `Histogram of displacements: median ${length(median)}, 95 per cent below ${length(p95)}` },
     ...bars, ...marks);
 }
 
@@ -63,14 +63,14 @@ export function showScale(element, display, colouring, up) {
   element.dataset.colouring = colouring;
   if (colouring === "displacement") {
     const { displacement } = display;
-    element.replaceChildren(histogram(displacement), bar(MAPS.displacement), ends("0", value(displacement.p99)),
-      note(`${display.against ? "How far the two results lie apart" : "How far points moved"}, in the file's unit, ` +
-        "up to the 99th percentile. Lines: median and 95 %."));
+    element.replaceChildren(histogram(displacement), bar(MAPS.displacement), ends("0", length(displacement.p99)),
+      note([display.against ? "How far the two results lie apart" : "How far points moved", unitNote(),
+        "up to the 99th percentile. Lines: median and 95 %."].filter(Boolean).join(", ")));
   } else if (colouring === "height") {
     const { axis, sign } = along(up);
     const [low, high] = heights(display, up).map((height) => height * sign + display.centre[axis]);
-    element.replaceChildren(bar(MAPS.height), ends(value(low), value(high)),
-      note(`${"XYZ"[axis]} in the file's unit, from the 1st to the 99th percentile.`));
+    element.replaceChildren(bar(MAPS.height), ends(length(low), length(high)),
+      note([`${"XYZ"[axis]} ${unitNote()}`.trim(), "from the 1st to the 99th percentile."].join(", ")));
   } else if (colouring === "normal") {
     const swatches = document.createElement("div");
     swatches.className = "swatches";

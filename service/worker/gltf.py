@@ -64,6 +64,7 @@ def write_display(
     raw_normals: NDArray[np.floating],
     normals: NDArray[np.floating],
     colour: NDArray[np.uint8] | None,
+    shares: dict[str, float] | None = None,
 ) -> None:
     """Write the display file of a job.
 
@@ -76,6 +77,8 @@ def write_display(
         Unit normals of the upload and of the result.
     colour : ndarray, (N, 3) uint8, optional
         The file's colours.
+    shares : dict of float, optional
+        See :meth:`pcdnf.inference.diagnostics.Diagnostics.shares`.
     """
     count = len(before)
     rows = np.random.default_rng(_ORDER_SEED).permutation(count)[:DISPLAY_POINTS]
@@ -100,6 +103,8 @@ def write_display(
         "box": [(low - centre).tolist(), (high - centre).tolist()],
         "displacement": _statistics(moved),
     }
+    if shares is not None:
+        extras["shares"] = shares
     _write_glb(path, mesh, extras)
 
 

@@ -266,6 +266,7 @@ def _finished(runtime: Runtime, job: Job, merged: dict[str, NDArray[Any]]) -> Ou
             raw_normals=first["normals"],
             normals=normals,
             colour=colours(given),
+            shares=found.shares(),
         )
     flagged = int(merged["flagged"].sum())
     if flagged:

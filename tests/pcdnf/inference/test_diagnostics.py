@@ -11,6 +11,7 @@ def test_moves_are_weighed_by_the_noise() -> None:
     found = diagnose(came, moved, np.array([1.0, 1, 1, 1, 0]))
     assert found.displacement.tolist() == [0, 1, 2, 4, 0]
     assert found.confidence.tolist() == pytest.approx([0, 1, 1, 0.2, 1])
+    assert found.shares() == pytest.approx({"moved": 0.6, "left": 0.4, "doubtful": 0.2})
     assert found.metadata() == {"moved": "60.00%", "left": "40.00%", "doubtful": "20.00%"}
     assert list(found.columns()) == ["displacement", "estimated_noise", "confidence"]
     assert all(column.dtype == np.float32 for column in found.columns().values())

@@ -61,6 +61,17 @@ def test_numbers_are_of_the_whole_cloud_while_few_points_are_drawn(
     assert extras["box"] == pytest.approx(np.array([[-0.98, 0, 0], [0.98, 0, 0]]))
 
 
+def test_shares_of_what_was_done_come_along(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    shares = {"moved": 0.5, "left": 0.5, "doubtful": 0.02}
+    write_display(
+        tmp_path / "a", before=points, after=points, raw_normals=points, normals=points, colour=None, shares=shares
+    )
+    assert read_display(tmp_path / "a")[0]["asset"]["extras"]["shares"] == shares
+    document, _ = _written(tmp_path / "b", points, points)
+    assert "shares" not in document["asset"]["extras"]
+
+
 def test_points_that_did_not_move(tmp_path: Path) -> None:
     points = np.random.default_rng(0).normal(size=(50, 3))
     document, _ = _written(tmp_path / "a", points, points)
