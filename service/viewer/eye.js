@@ -5,6 +5,7 @@ import { OrbitControls, PerspectiveCamera, Spherical, Vector3 } from "./vendor/t
 export const FIELD = 40; // degrees
 const MARGIN = 0.9; // the share of the free picture that a fitted cloud fills
 export const BAR = 56; // pixels of the picture under the bar at its top
+const FITTINGS = 5; // steps that bring the picture into the middle
 const DEGREES = 180 / Math.PI;
 
 export class Eye {
@@ -19,43 +20,59 @@ export class Eye {
     this.fit = 1; // the distance from which all is seen
   }
 
-  /** Take on a cloud: its eight corners and the first direction in the world, its radius, and its farthest point. */
-  see({ corners, direction, radius, reach }) {
-    Object.assign(this, { corners, direction, radius, reach });
+  /** Take on a cloud: points of it and the first direction in the world, its radius, and its farthest point. */
+  see({ points, direction, radius, reach }) {
+    Object.assign(this, { points, direction, radius, reach });
     this.controls.minDistance = radius / 200;
     this.controls.maxDistance = reach * 20;
   }
 
-  /** The distance from which the box of 1 to 99 per cent fills a viewport. */
+  /** Return { distance, target } from where all points fill a viewport, and their picture lies in its middle. */
   fitting({ width, height }) {
     const tall = Math.tan(FIELD / DEGREES / 2);
     const free = [MARGIN * tall * (width / height), MARGIN * tall * (1 - BAR / height)];
     const right = new Vector3(this.direction.z, 0, -this.direction.x);
     if (right.length() < 1e-3) right.set(1, 0, 0);
     right.normalize();
-    const above = this.direction.clone().cross(right);
-    const distances = this.corners.map((at) => {
-      const sides = [Math.abs(at.dot(right)) / free[0], Math.abs(at.dot(above)) / free[1]];
-      return at.dot(this.direction) + Math.max(...sides);
-    });
-    return Math.max(...distances, this.radius / 50);
+    const axes = [right, this.direction.clone().cross(right)];
+    const seen = this.points.map((at) => [...axes.map((axis) => at.dot(axis)), at.dot(this.direction)]);
+    const middle = [0, 0];
+    let distance = this.radius / 50;
+    for (let step = 0; step < FITTINGS; step++) {
+      distance = this.radius / 50;
+      for (const [x, y, near] of seen) {
+        const sides = [Math.abs(x - middle[0]) / free[0], Math.abs(y - middle[1]) / free[1]];
+        distance = Math.max(distance, near + Math.max(...sides));
+      }
+      for (const side of step < FITTINGS - 1 ? [0, 1] : []) {
+        const slopes = seen.map((at) => (at[side] - middle[side]) / (distance - at[2]));
+        const [low, high] = [slopes.reduce((a, b) => Math.min(a, b)), slopes.reduce((a, b) => Math.max(a, b))];
+        middle[side] += ((low + high) / 2) * distance;
+      }
+    }
+    const target = axes[0].clone().multiplyScalar(middle[0]).addScaledVector(axes[1], middle[1]);
+    return { distance, target };
   }
 
   /** Look from the first direction at all of it. */
   reset(viewport) {
-    this.fit = this.fitting(viewport);
-    this.controls.target.set(0, 0, 0);
-    this.camera.position.copy(this.direction).multiplyScalar(this.fit);
+    const { distance, target } = this.fitting(viewport);
+    this.fit = distance;
+    this.shape = [viewport.width, viewport.height];
+    this.controls.target.copy(target);
+    this.camera.position.copy(target).addScaledVector(this.direction, distance);
     this.controls.update();
     this.touched = false;
   }
 
   /** Follow a change of the viewport: what filled the old one fills the new one. */
   refit(viewport) {
-    const fit = this.fitting(viewport);
-    if (Math.abs(fit / this.fit - 1) < 1e-6) return;
-    this.camera.position.sub(this.controls.target).multiplyScalar(fit / this.fit).add(this.controls.target);
-    this.fit = fit;
+    if (viewport.width === this.shape[0] && viewport.height === this.shape[1]) return;
+    if (!this.touched) return this.reset(viewport);
+    const { distance } = this.fitting(viewport);
+    this.camera.position.sub(this.controls.target).multiplyScalar(distance / this.fit).add(this.controls.target);
+    this.fit = distance;
+    this.shape = [viewport.width, viewport.height];
     this.controls.update();
   }
 

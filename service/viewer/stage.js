@@ -6,7 +6,18 @@ import { AXES, firstView } from "./first_view.js";
 import { spacings } from "./spacing.js";
 import { dispose, makeSplats, prepare, tint } from "./splats.js";
 
+const FITTED = 4000; // points that decide what a fitted picture shows
 const SLOW_MS = 45, QUICK_MS = 24, FEWEST = 60_000, REST_MS = 160;
+
+/** Return points of a display file that lie in its box; the box's ends where none does. */
+function sample({ after, box: [low, high] }) {
+  const points = [];
+  for (let at = 0; at < Math.min(after.POSITION.length, 3 * FITTED); at += 3) {
+    const point = after.POSITION.subarray(at, at + 3);
+    if (point.every((value, axis) => value >= low[axis] && value <= high[axis])) points.push(new Vector3(...point));
+  }
+  return points.length ? points : [new Vector3(...low), new Vector3(...high)];
+}
 
 export class Stage {
   /** Raises an Error where the browser has no WebGL. */
@@ -36,8 +47,7 @@ export class Stage {
     this.clear();
     this.count = display.shown;
     const [low, high] = display.box.map((corner) => new Vector3(...corner));
-    this.corners = [0, 1, 2, 3, 4, 5, 6, 7].map((bits) =>
-      new Vector3(...["x", "y", "z"].map((axis, index) => (bits & (1 << index) ? high : low)[axis])));
+    this.fitted = sample(display);
     this.radius = Math.max(low.distanceTo(high) / 2, 1e-9);
     const spacing = spacings(display.after.POSITION);
     for (const name of ["before", "after"]) {
@@ -78,7 +88,7 @@ export class Stage {
     this.world.updateMatrixWorld();
     const { matrixWorld } = this.world;
     this.eye.see({
-      corners: this.corners.map((corner) => corner.clone().applyMatrix4(matrixWorld)),
+      points: this.fitted.map((point) => point.clone().applyMatrix4(matrixWorld)),
       direction: new Vector3(...this.first.direction).transformDirection(matrixWorld),
       radius: this.radius,
       reach: this.reach,

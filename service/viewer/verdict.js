@@ -60,6 +60,6 @@ const sentence = (text) => text[0].toUpperCase() + text.slice(1);
 export function verdict(job, display) {
   const plan = job.execution?.plan;
   const said = [...(plan ? [ofNoise(plan), ofPasses(plan)] : []), ...(display ? ofMoves(display) : [])];
-  if (said.length && unitNote()) said.push("Lengths are in the file's unit; choose it below to see them in words.");
+  if (said.length && unitNote()) said.push("Lengths are in the file's unit. Choose below which that is.");
   return said;
 }

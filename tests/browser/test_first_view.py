@@ -117,8 +117,13 @@ def test_a_scan_of_a_depth_camera_is_seen_and_bright(running: Service, make_page
     assert page.locator("#up").inner_text().startswith("−Y")
     picture = canvas(page)
     assert share_drawn(picture) > 0.25
-    drawn = picture[np.abs(picture - picture[-1, 0]).max(axis=2) > 12]
-    assert np.median(drawn.max(axis=1)) > 110
+    drawn = np.abs(picture - picture[-1, 0]).max(axis=2) > 12
+    assert np.median(picture[drawn].max(axis=1)) > 110
+    rows, columns = np.nonzero(drawn)
+    height, width = drawn.shape
+    assert (columns.min() + columns.max()) / 2 / width == pytest.approx(0.5, abs=0.03)
+    assert ((rows.min() + rows.max()) / 2 - 56) / (height - 56) == pytest.approx(0.5, abs=0.03)  # below the bar
+    assert max(np.ptp(columns) / width, np.ptp(rows) / (height - 56)) > 0.8
 
 
 @pytest.mark.parametrize("size", [(1440, 900), PHONE])

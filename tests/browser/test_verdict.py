@@ -69,7 +69,7 @@ def test_units(page: Page) -> None:
     assert noise("ft", 0.25) == "0.250 ft"
     assert noise("", 0.25) == "0.250"
     said = _said(page, noise=1, radii=[1], shares={"moved": 1, "left": 0, "doubtful": 0}, unit="")
-    assert said.endswith("choose it below to see them in words.")
+    assert said.endswith("Choose below which that is.")
 
 
 def test_the_result_says_what_was_done(running: Service, make_page: MakePage, done: dict[str, Any]) -> None:
