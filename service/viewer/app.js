@@ -9,6 +9,7 @@ import { parse } from "./display.js";
 import { Downloads, keep } from "./downloads.js";
 import { askForKey } from "./key_dialog.js";
 import { showNumbers } from "./facts.js";
+import { Jobs } from "./jobs.js";
 import { installKeys } from "./keys.js";
 import { Options } from "./options.js";
 import { Progress } from "./progress.js";
@@ -36,6 +37,8 @@ const again = new Again({ run: upload, fail, pick: (then) => {
   picked = then;
   $("input").click();
 } });
+
+new Jobs({ say, gone: (id) => id === current?.id && leave() });
 
 const state = (name) => (root.dataset.state = name);
 
