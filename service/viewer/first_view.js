@@ -119,7 +119,7 @@ function bestSide(display, up) {
   const [right, ahead] = across(up, Math.abs(up[0]) < 0.9 ? [1, 0, 0] : [0, 0, 1]);
   let [best, most] = [null, 0];
   for (let step = 0; step < STEPS; step++) {
-    const turn = ((step + 0.5) / STEPS) * 2 * Math.PI + Math.PI / 4;
+    const turn = (step / STEPS) * 2 * Math.PI + Math.PI / 4; // along no axis: faces of a box would hide its depth
     const direction = unit([0, 1, 2].map((axis) =>
       Math.cos(turn) * right[axis] + Math.sin(turn) * ahead[axis] + 0.62 * up[axis]));
     const seen = seenFrom(direction, up, display, radius) * (step === 0 ? 1 + USUAL : 1);
@@ -134,4 +134,9 @@ export function firstView(display) {
   if (side) return { up: upOfSensor(side), direction: side };
   const up = upAxis(display);
   return { up, direction: bestSide(display, AXES[up]) };
+}
+
+/** Return the direction to the camera once another axis is up: that of the sensor, or the best one above the cloud. */
+export function sideFor(display, up) {
+  return sensorSide(display) ?? bestSide(display, AXES[up]);
 }

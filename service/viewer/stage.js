@@ -2,7 +2,7 @@
 
 import { Group, Scene, Vector3, WebGLRenderer } from "./vendor/three.js";
 import { Eye, FIELD } from "./eye.js";
-import { AXES, firstView } from "./first_view.js";
+import { AXES, firstView, sideFor } from "./first_view.js";
 import { spacings } from "./spacing.js";
 import { dispose, makeSplats, prepare, tint } from "./splats.js";
 
@@ -56,6 +56,7 @@ export class Stage {
     }
     this.reach = Math.max(...Object.values(this.clouds).map(({ geometry: { boundingSphere: ball } }) =>
       ball.center.length() + ball.radius));
+    this.display = display;
     this.first = firstView(display);
     this.turnUp(this.first.up);
   }
@@ -84,12 +85,13 @@ export class Stage {
   /** Which axis of the file points up, a key of AXES; three.js has Y up. */
   turnUp(up) {
     this.up = up;
+    const direction = up === this.first.up ? this.first.direction : sideFor(this.display, up);
     this.world.quaternion.setFromUnitVectors(new Vector3(...AXES[up]), new Vector3(0, 1, 0));
     this.world.updateMatrixWorld();
     const { matrixWorld } = this.world;
     this.eye.see({
       points: this.fitted.map((point) => point.clone().applyMatrix4(matrixWorld)),
-      direction: new Vector3(...this.first.direction).transformDirection(matrixWorld),
+      direction: new Vector3(...direction).transformDirection(matrixWorld),
       radius: this.radius,
       reach: this.reach,
     });
