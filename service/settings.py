@@ -1,11 +1,10 @@
 """The settings: every ``PCDNF_*`` variable with its default, its unit and its meaning.
 
-``docs/settings.md`` is written from this class by ``python -m service.settings``; a test compares the two.
+``docs/settings.md`` is written from this class by ``python -m service.settings_page``; a test compares the two.
 """
 
 from __future__ import annotations
 
-import ipaddress
 import re
 import socket
 from pathlib import Path
@@ -291,68 +290,7 @@ class Settings(BaseSettings):
         """Whether callers need a key."""
         return bool(self.api_key or self.api_keys_file)
 
-    def check_exposure(self) -> None:
-        """Check that the service is not open to the network or to other sites without a key.
-
-        Raises
-        ------
-        SettingsError
-        """
-        if self.origins and not self.has_keys:
-            raise SettingsError(
-                "PCDNF_ALLOWED_ORIGINS would let pages of other sites use a service without keys. Set PCDNF_API_KEY "
-                "or PCDNF_API_KEYS_FILE."
-            )
-        if self.callback_host_names and not self.callback_secret:
-            raise SettingsError(
-                "PCDNF_CALLBACK_HOSTS needs a secret to sign the messages with. Set PCDNF_CALLBACK_SECRET to at least "
-                "32 random characters."
-            )
-        if is_loopback(self.host) or self.allow_anonymous or self.api_key or self.api_keys_file:
-            return
-        raise SettingsError(
-            f"Refusing to listen on {self.host} without a key. Set PCDNF_API_KEY or PCDNF_API_KEYS_FILE, listen on "
-            "127.0.0.1, or set PCDNF_ALLOW_ANONYMOUS=true if a proxy authenticates the callers."
-        )
-
 
 def parts_of(text: str) -> list[str]:
     """Return the values of a list with commas between them, in lower case."""
     return [part.strip().lower() for part in text.split(",") if part.strip()]
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach `host`."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def settings_table() -> str:
-    """Return the Markdown of ``docs/settings.md``."""
-    rows = [
-        "# Settings",
-        "",
-        "The service reads its settings from the environment. This page is written from `service/settings.py` by",
-        "`python -m service.settings > docs/settings.md`.",
-        "",
-        "| Variable | Default | Meaning |",
-        "|---|---|---|",
-    ]
-    for name, field in Settings.model_fields.items():
-        default = "" if field.default is None else f"`{_shown(field.default)}`"
-        rows.append(f"| `PCDNF_{name.upper()}` | {default} | {field.description} |")
-    return "\n".join(rows) + "\n"
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-if __name__ == "__main__":
-    print(settings_table(), end="")

@@ -17,6 +17,7 @@ import pcdnf
 from ..database.damage import Checkup
 from ..database.engine import create_engine
 from ..database.migrations import migrate
+from ..exposure import check_exposure
 from ..jobs.retention import SCRATCH_SECONDS, Retention
 from ..jobs.store import Jobs
 from ..jobs.worker_registry import Workers
@@ -58,7 +59,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         If the service would be open to the network without a key, or the file of keys cannot be read.
     """
     settings = settings or Settings()
-    settings.check_exposure()
+    check_exposure(settings)
     app = FastAPI(
         title="PCDNF point-cloud denoising",
         version=pcdnf.__version__,

@@ -25,6 +25,7 @@ from ..api.listener import bind
 from ..database.damage import DamageError, check_file, damage_of
 from ..database.engine import create_engine
 from ..database.migrations import lacking
+from ..exposure import check_exposure
 from ..jobs import drain_switch
 from ..jobs.files import job_file
 from ..jobs.job import new_id
@@ -218,7 +219,7 @@ def _database(settings: Settings) -> Iterator[Finding]:
 
 def _keys(settings: Settings) -> Iterator[Finding]:
     try:
-        settings.check_exposure()
+        check_exposure(settings)
         keys = Keys.of(settings)
     except SettingsError as error:
         text, _, advice = str(error).partition(". ")

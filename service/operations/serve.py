@@ -7,6 +7,7 @@ import sys
 from typing import NoReturn
 
 from ..api.listener import bind, url
+from ..exposure import check_exposure
 from ..settings import Settings
 from ..startup import upgrade_database
 
@@ -21,7 +22,7 @@ def serve(settings: Settings) -> NoReturn:
     SettingsError
         If the service would be open to the network without a key, or the address cannot be taken.
     """
-    settings.check_exposure()
+    check_exposure(settings)
     listener = bind(settings)
     upgrade_database(settings)
     os.set_inheritable(listener.fileno(), True)

@@ -5,13 +5,15 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from service.settings import Settings, SettingsError, is_loopback, settings_table
+from service.exposure import check_exposure, is_loopback
+from service.settings import Settings, SettingsError
+from service.settings_page import settings_table
 
 DOCS = Path(__file__).parents[2] / "docs" / "settings.md"
 
 
 def test_every_setting_is_documented() -> None:
-    assert DOCS.read_text() == settings_table(), "run: python -m service.settings > docs/settings.md"
+    assert DOCS.read_text() == settings_table(), "run: python -m service.settings_page > docs/settings.md"
 
 
 def test_every_setting_says_what_it_is_for() -> None:
@@ -46,17 +48,17 @@ def test_postgresql_url_and_worker_name() -> None:
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.1.2.3"])
 def test_loopback_needs_no_key(host: str) -> None:
-    Settings(host=host).check_exposure()
+    check_exposure(Settings(host=host))
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
 def test_elsewhere_needs_a_key(host: str, tmp_path: Path) -> None:
     assert not is_loopback(host)
     with pytest.raises(SettingsError, match=r"PCDNF_API_KEY.*PCDNF_ALLOW_ANONYMOUS"):
-        Settings(host=host).check_exposure()
-    Settings(host=host, api_key="a" * 16).check_exposure()
-    Settings(host=host, api_keys_file=tmp_path / "keys").check_exposure()
-    Settings(host=host, allow_anonymous=True).check_exposure()
+        check_exposure(Settings(host=host))
+    check_exposure(Settings(host=host, api_key="a" * 16))
+    check_exposure(Settings(host=host, api_keys_file=tmp_path / "keys"))
+    check_exposure(Settings(host=host, allow_anonymous=True))
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,9 @@ from fastapi import Request
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from ...exposure import is_loopback
 from ...problems import Problem
-from ...settings import Settings, is_loopback
+from ...settings import Settings
 from ..error_handlers import respond
 
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")

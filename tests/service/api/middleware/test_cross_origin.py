@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from service.exposure import check_exposure
 from service.settings import Settings, SettingsError
 from tests.support.board import MakeApi
 
@@ -52,7 +53,7 @@ def test_other_pages_stay_outside(make_api: MakeApi, origin: str) -> None:
 
 def test_the_setting_needs_keys_and_plain_origins(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="PCDNF_API_KEY"):
-        Settings(data_dir=tmp_path, allowed_origins=PAGE).check_exposure()
+        check_exposure(Settings(data_dir=tmp_path, allowed_origins=PAGE))
     for wrong in ("*", "app.example.org", "https://app.example.org/", "https://*.example.org"):
         with pytest.raises(ValueError, match="origins such as"):
             Settings(data_dir=tmp_path, allowed_origins=wrong)
@@ -60,7 +61,7 @@ def test_the_setting_needs_keys_and_plain_origins(tmp_path: Path) -> None:
 
 def test_callbacks_need_a_secret(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="PCDNF_CALLBACK_SECRET"):
-        Settings(data_dir=tmp_path, callback_hosts="hooks.example.org").check_exposure()
+        check_exposure(Settings(data_dir=tmp_path, callback_hosts="hooks.example.org"))
     for wrong in ("https://hooks.example.org", "localhost", "*.example.org", "10.0.0.1:80"):
         with pytest.raises(ValueError, match="host names"):
             Settings(data_dir=tmp_path, callback_hosts=wrong)
