@@ -35,6 +35,7 @@ PARAMETERS = {
     "diagnostics": "add displacement, estimated noise and confidence of each point to the result: true or false",
     "ignore_classes": "LAS classes that are returned unchanged and excluded from the fit, such as 7,18",
     "coordinates": "type of the result's coordinates: keep, float32 or float64",
+    "callback_url": "address that the service sends a signed message to when the job has ended",
 }
 """Parameters of a job. The service checks them and chooses those that are omitted."""
 DEFAULT_PATIENCE = 600.0

@@ -80,6 +80,7 @@ class Job(_Shown):
     upload: dict[str, Any]
     warnings: list[str] = []
     problem: ProblemDetail | None = None
+    callback: str | None = None
     links: dict[str, str] = {}
 
     @property

@@ -49,7 +49,7 @@ def errors(*codes: str) -> Responses:
         media: dict[str, Any] = {"schema": {"$ref": "#/components/schemas/ProblemDetail"}, "examples": {}}
         response = {"description": HTTPStatus(problem.status).phrase, "content": {MEDIA_TYPE: media}}
         examples = found.setdefault(problem.status, response)["content"][MEDIA_TYPE]["examples"]
-        examples[code] = {"summary": problem.title, "value": problem.body("/path/of/the/request")}
+        examples[code] = {"value": problem.body("/path/of/the/request")}
     return found
 
 

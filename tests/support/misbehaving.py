@@ -65,7 +65,7 @@ class Handler(BaseHTTPRequestHandler):
         """Answer; with ``cut``, break off after so many bytes."""
         self.send_response(status)
         for name, value in headers.items():
-            if name.lower() not in HOP | {"content-length"}:
+            if name.lower() not in HOP | {"content-length", "content-encoding"}:  # the body is decoded
                 self.send_header(name, value)
         if status != 304:
             self.send_header("Content-Length", str(len(body)))

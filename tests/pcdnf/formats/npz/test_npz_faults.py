@@ -211,7 +211,7 @@ def test_names_that_are_not_those_of_arrays(refused: Refused, name: str) -> None
 
 def test_a_nested_archive(refused: Refused) -> None:
     inner = npz(points=POINTS)
-    assert refused(archive(("points.npz", inner))).code == "bad_member_name"
+    assert refused(archive(("scan.zip", archive(("points.npz", inner))))).code == "bad_member_name"
     assert refused(archive(("points.npy", inner))).code == "bad_header"
 
 
