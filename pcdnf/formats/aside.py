@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .attributes import numbers, renamed
 from .errors import FormatError
-from .limits import Limits, check_enough
+from .limits import Limits
 from .point_cloud import PointCloud
 from .roles import SPLAT
 
@@ -71,7 +71,16 @@ def without_classes(cloud: PointCloud, classes: Sequence[int], limits: Limits | 
     if not classes:
         return cloud
     found = _of_classes(cloud, classes)
-    check_enough(len(cloud) - len(found), limits or Limits())
+    left, needed = len(cloud) - len(found), (limits or Limits()).minimum_points
+    if left < needed:
+        raise FormatError(
+            f"Without the classes {', '.join(map(str, classes))} the cloud has {left} points; at least {needed} are "
+            "needed.",
+            code="too_few_points",
+            hint="Ignore fewer classes.",
+            limit=needed,
+            actual=left,
+        )
     return cloud.aside(
         found, f"{len(found)} points of the classes {', '.join(map(str, classes))} were left as they are."
     )

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from .flavours import PcdFlavour
 from .limits import Array, bounds
 from .point_cloud import PointCloud
 
@@ -68,7 +69,9 @@ def with_coordinates(cloud: PointCloud, kind: Coordinates) -> tuple[PointCloud, 
     if kind == "keep":
         return cloud, []
     if kind == "float64":
-        return _typed(cloud, np.float64, np.zeros(3)), []
+        typed = _typed(cloud, np.float64, np.zeros(3))
+        flavour = typed.flavour
+        return replace(typed, flavour=flavour.with_doubles() if isinstance(flavour, PcdFlavour) else flavour), []
     low, high = bounds(cloud.points)
     middle = (low + high) / 2
     offset = np.where(np.abs(middle) > _FAR, np.round(middle / _ROUND) * _ROUND, 0.0)

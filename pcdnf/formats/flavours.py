@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -90,6 +90,11 @@ class PcdFlavour:
     normals: tuple[str, str, str] = ("normal_x", "normal_y", "normal_z")
     coordinates: tuple[str, str, str] = ("x", "y", "z")
     format: Literal["pcd"] = "pcd"
+
+    def with_doubles(self) -> PcdFlavour:
+        """Return the flavour with coordinates of float64."""
+        fields = ((name, "f8" if name in self.coordinates else kind, count) for name, kind, count in self.fields)
+        return replace(self, fields=tuple(fields))
 
 
 TextFormat = Literal["xyz", "csv", "pts"]

@@ -27,6 +27,7 @@ _TOGETHER = {"rgb", "rgba", "color", "colors", "colour", "colours"}
 COLOURS = (
     CHANNELS,
     ("r", "g", "b"),
+    ("rf", "gf", "bf"),
     ("diffuse_red", "diffuse_green", "diffuse_blue"),
     ("colorred", "colorgreen", "colorblue"),
     ("color_red", "color_green", "color_blue"),

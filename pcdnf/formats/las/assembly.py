@@ -20,6 +20,8 @@ from .points import EXTRA_ENTRY, Extra
 LARGEST_RECORD = 2**16 - 1
 _NEWEST = 4
 _COPC_HEADER = 375
+WKT = 0x10
+"""Bit of the global encoding: a coordinate system is written as WKT."""
 _ROWS_PER_WRITE = 1 << 18
 
 
@@ -62,7 +64,10 @@ class Assembly:
         """Write the points compressed, a chunk a node, and the index of the nodes."""
         raw = self.flavour.header[:_COPC_HEADER]
         records, tail, _ = without_copc(tuple(self.records), self.flavour.tail)
-        flavour = replace(self.flavour, header=struct.pack("<H", len(raw)).join((raw[:94], raw[96:])), gap=b"")
+        header = bytearray(raw)
+        struct.pack_into("<H", header, 94, len(raw))
+        struct.pack_into("<H", header, 6, struct.unpack_from("<H", raw, 6)[0] | WKT)  # as COPC requires
+        flavour = replace(self.flavour, header=bytes(header), gap=b"")
         whole = replace(self, flavour=flavour, records=list(records))
         times = np.asarray(self.rows["gps_time"], np.float64)
         compressor = self._compressor(variable=True)

@@ -25,6 +25,7 @@ from .points import pack, record_dtype, unpack
 
 _NOTES = b"pcdnf"
 _METADATA, _COMMENTS = 1, 2
+_WKT, _GEOTIFF = 2112, 34735
 _LARGEST_RECORD = 2**16 - 1
 _NEWEST = 4
 _ROWS_PER_WRITE = 1 << 18
@@ -160,6 +161,7 @@ def write_las(file: BinaryIO, cloud: PointCloud, *, compressed: bool, copc: bool
     assembly = Assembly(flavour, grid, extras, rows, [*flavour.records, *_notes(cloud)])
     if copc:
         assembly.write_copc(file, octree(cloud.points, grid))
+        notes += _without_wkt(assembly.records)
     elif compressed:
         assembly.write_laz(file)
     else:
@@ -176,6 +178,14 @@ def _without_index(flavour: LasFlavour) -> tuple[LasFlavour, list[str]]:
     struct.pack_into("<I", header, 243, count)
     note = "The index of the COPC was left out, as it holds for that file only; name the result .copc.laz to get one."
     return replace(flavour, header=bytes(header), records=records, tail=tail), [note]
+
+
+def _without_wkt(records: list[Record]) -> list[str]:
+    """Return a note where a COPC has its coordinate system as GeoTIFF keys alone."""
+    numbers = {record.number for record in records if record.user == b"LASF_Projection"}
+    if _GEOTIFF not in numbers or _WKT in numbers:
+        return []
+    return ["The coordinate system is stored as GeoTIFF keys; readers of COPC may look for WKT only."]
 
 
 def arranged(cloud: PointCloud) -> tuple[PointCloud, list[str]]:

@@ -43,14 +43,29 @@ def new_flavour(attributes: dict[str, NDArray[Any]], compressed: bool, known: La
         header[4:94] = known.header[4:94]
     header[24:26] = b"\x01\x04"
     struct.pack_into("<HH", header, 94, 375, 0)
+    point_format = (8 if "nir" in attributes else 7) if has_colour else 6
     return LasFlavour(
         format="laz" if compressed else "las",
         header=bytes(header),
         records=known.records if known else (),
-        point_format=(8 if "nir" in attributes else 7) if has_colour else 6,
+        point_format=point_format,
+        extras=_extras(known, attributes, point_format) if known else (),
         grid=known.grid if known else Grid(),
         normals=known.normals if known else ("NormalX", "NormalY", "NormalZ"),
     )
+
+
+def _extras(known: LasFlavour, attributes: dict[str, NDArray[Any]], point_format: int) -> tuple[Extra, ...]:
+    """Extra dimensions of an older point format that the newer one takes as they are, with scale and description."""
+    taken = {field[0] for field in RECORDS[point_format]}
+
+    def is_same(extra: Extra) -> bool:
+        column = attributes.get(extra.name)
+        if column is None or extra.name in taken:
+            return False
+        return column.dtype == np.dtype(extra.dtype) and column.size == extra.count * len(column)
+
+    return tuple(extra for extra in known.extras if is_same(extra))
 
 
 def fits_copc(flavour: LasFlavour) -> bool:

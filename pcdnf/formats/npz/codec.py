@@ -120,7 +120,7 @@ def read_npy(file: BinaryIO, size: int, limits: Limits) -> PointCloud:
         )
     check_count(header.shape[0], limits)
     check_enough(header.shape[0], limits)
-    warnings = ["The file holds a bare array; the result is an NPZ."]
+    warnings = ["The file holds a bare array; unless you name another format, the result is an NPZ."]
     values = _floats(read_array(stream, header), "coordinates", np.dtype(np.float64), warnings)
     if values.shape[1] > 3:
         warnings.append("The array names no columns; the first three were read as x, y, z.")

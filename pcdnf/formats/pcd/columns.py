@@ -14,7 +14,7 @@ from ..errors import FormatError, shown
 from ..flavours import PcdFlavour
 from ..point_cloud import PointCloud
 from ..roles import CHANNELS
-from .coordinates import REMAINDERS, for_most_readers, split
+from .coordinates import for_most_readers, split
 from .header import MAX_FIELDS, MAX_VALUES, PADDING, Field
 
 COLOUR_FIELDS = ("rgb", "rgba")
@@ -57,7 +57,9 @@ def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], li
     columns, told = _coordinates(cloud, flavour)
     notes += told
     if cloud.normals is not None:
-        columns |= {name: cloud.normals[:, axis] for axis, name in enumerate(flavour.normals)}
+        # PCL finds no normals of float64, whatever the coordinates are
+        normals = cloud.normals if flavour.fields else cloud.normals.astype(np.float32)
+        columns |= {name: normals[:, axis] for axis, name in enumerate(flavour.normals)}
     if flavour.packed or not flavour.fields:
         attributes, told = with_colours(
             renamed(attributes) if not flavour.fields else attributes, BYTE, "PCD", cloud.brightest
@@ -72,8 +74,6 @@ def pcd_columns(cloud: PointCloud, flavour: PcdFlavour) -> tuple[list[Field], li
 def _coordinates(cloud: PointCloud, flavour: PcdFlavour) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Return the fields of the coordinates: as in the file, else as most programs read them."""
     names = flavour.coordinates
-    if any(field[0] == REMAINDERS[0] for field in flavour.fields) and cloud.points.dtype == np.float64:
-        return split(cloud.points, names), []
     if not isinstance(cloud.flavour, PcdFlavour) and cloud.points.dtype == np.float64:
         return for_most_readers(cloud.points, names)
     if (
@@ -81,7 +81,7 @@ def _coordinates(cloud: PointCloud, flavour: PcdFlavour) -> tuple[dict[str, NDAr
         and cloud.points.dtype == np.float64
         and all(kind == "f4" for name, kind, _ in flavour.fields if name in names)
     ):
-        return split(cloud.points, names), []  # its float32 was too coarse
+        return split(cloud.points, names), []  # its float32 is too coarse, or has remainders
     return {name: cloud.points[:, axis] for axis, name in enumerate(names)}, []
 
 

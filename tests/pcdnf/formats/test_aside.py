@@ -72,3 +72,13 @@ def test_points_put_aside_come_back_as_they_are(tmp_path: Path) -> None:
     assert np.isnan(whole.points[4]).all()
     write(tmp_path / "b.las", rest, format="las", check=True)
     assert read(tmp_path / "b.las").attributes["classification"].tolist() == [2, 7, 2, 18, 2]
+
+
+def test_too_many_ignored_classes_are_named() -> None:
+    cloud = PointCloud(
+        points=np.random.default_rng(0).normal(size=(60, 3)), attributes={"classification": np.full(60, 7, np.uint8)}
+    )
+    with pytest.raises(FormatError, match="Without the classes 7 the cloud has 0 points") as caught:
+        points_to_fit(cloud, [7])
+    assert caught.value.code == "too_few_points"
+    assert caught.value.hint == "Ignore fewer classes."

@@ -65,6 +65,15 @@ def test_nothing_is_moved_where_the_offset_has_no_place(tmp_path: Path, ending: 
     np.testing.assert_allclose(read(tmp_path / "a", text=True).points, cloud.points, atol=2e-3)
 
 
+def test_float64_gives_doubles_to_a_pcd_of_floats(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(80, 3)).astype(np.float32)
+    write(tmp_path / "a.pcd", PointCloud(points=points), format="pcd")
+    given = read(tmp_path / "a.pcd")
+    assert given.points.dtype == np.float32
+    write(tmp_path / "b.pcd", given, format="pcd", coordinates="float64")
+    assert b"FIELDS x y z\nSIZE 8 8 8\n" in (tmp_path / "b.pcd").read_bytes()
+
+
 def test_float64_gives_a_pcd_with_doubles(tmp_path: Path) -> None:
     cloud = PointCloud(points=NEAR + OFFSET, attributes={"scalar_Intensity": np.arange(400)})
     assert write(tmp_path / "a", cloud, format="pcd", coordinates="float64") == []

@@ -59,6 +59,7 @@ def test_names_of_colours_and_other_known_columns() -> None:
         "diffuse_blue",
     )
     assert find_colours(["scalar_R", "scalar_G", "scalar_B"]) == ("scalar_R", "scalar_G", "scalar_B")
+    assert find_colours(["Rf", "Gf", "Bf"]) == ("Rf", "Gf", "Bf"), "as CloudCompare names floats"
     assert find_colours(["red", "green"]) is None
     assert canonical_name("scalar_GpsTime") == "gps_time"
     assert canonical_name("Intensity") == "intensity"

@@ -72,6 +72,10 @@ def test_older_point_formats_become_newer_ones(tmp_path: Path) -> None:
     las.scan_angle_rank = np.arange(500) % 30
     las.classification = np.full(500, 2)
     las.red = np.full(500, 40_000)
+    las.add_extra_dim(laspy.ExtraBytesParams("temp", np.int16, "in degrees", [-150.0], [0.01]))
+    las.add_extra_dim(laspy.ExtraBytesParams("way", "3u1"))
+    las["temp"] = np.linspace(-20, 40, 500)
+    las["way"] = rng.integers(0, 256, (500, 3))
     las.write(tmp_path / "a.las")
     write(tmp_path / "a.copc.laz", read(tmp_path / "a.las"), format="laz", check=True)
     with laspy.CopcReader.open(tmp_path / "a.copc.laz") as reader:
@@ -79,7 +83,28 @@ def test_older_point_formats_become_newer_ones(tmp_path: Path) -> None:
     assert len(points) == 500
     assert set(points.classification.tolist()) == {2}
     assert set(points.red.tolist()) == {40_000}
+    before = read(tmp_path / "a.las")
+    order = np.argsort(points["temp"])
+    np.testing.assert_allclose(points["temp"][order], las["temp"], atol=1e-9)
+    np.testing.assert_array_equal(points["way"][order], before.attributes["way"])
+    assert points.point_format.dimension_by_name("temp").description == "in degrees"
     assert int(points.scan_angle.max()) == 4833, "29 degrees in steps of 0.006"
+
+
+@pytest.mark.parametrize(("point_format", "keys"), [(6, False), (6, True), (3, True)])
+def test_the_header_says_that_coordinate_systems_are_wkt(tmp_path: Path, point_format: int, keys: bool) -> None:
+    header = laspy.LasHeader(point_format=point_format, version="1.4")
+    header.scales = [0.001] * 3
+    if keys:  # a directory of GeoTIFF keys without any
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", struct.pack("<4H", 1, 1, 0, 0)))
+    las = laspy.LasData(header)
+    las.xyz = np.random.default_rng(0).normal(size=(500, 3))
+    las.write(tmp_path / "a.las")
+    given = read(tmp_path / "a.las")
+    assert not struct.unpack_from("<H", (tmp_path / "a.las").read_bytes(), 6)[0] & 0x10
+    notes = write(tmp_path / "a.copc.laz", given, format="laz", check=True)
+    assert struct.unpack_from("<H", (tmp_path / "a.copc.laz").read_bytes(), 6)[0] & 0x10, "without it copclib refuses"
+    assert any("GeoTIFF" in note for note in notes) == keys
 
 
 def test_nodes_hold_every_point_once_and_their_parents_exist() -> None:

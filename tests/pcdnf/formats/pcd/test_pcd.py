@@ -179,6 +179,16 @@ def test_doubles_of_other_formats_are_stored_as_most_programs_read_them(tmp_path
     assert b"SIZE 8 8 8\n" in (tmp_path / "huge.pcd").read_bytes()
 
 
+def test_normals_of_other_formats_are_float32_which_pcl_finds(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(60, 3))
+    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    write(tmp_path / "a.pcd", PointCloud(points=points, normals=unit), format="pcd")
+    again = read(tmp_path / "a.pcd")
+    assert again.normals is not None
+    assert again.normals.dtype == np.float32
+    np.testing.assert_allclose(again.normals, unit, atol=1e-6)
+
+
 def test_names_of_fields_in_capitals(tmp_path: Path) -> None:
     path = tmp_path / "a.pcd"
     path.write_bytes(header(FIELDS="X Y Z") + floats(4))
