@@ -37,9 +37,9 @@ def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) ->
     try:
         again = codec.read(file, size, Limits(minimum_points=1)).whole()
     except FormatError as error:
-        raise _wrong(f"it cannot be read ({error})") from error
+        raise _wrong(codec, f"it cannot be read ({error})") from error
     if len(again) != len(cloud):
-        raise _wrong(f"it has {len(again)} points in place of {len(cloud)}")
+        raise _wrong(codec, f"it has {len(again)} points in place of {len(cloud)}")
     tolerance = _tolerance(cloud.points, codec.rounding, again.points.dtype)
     for what, bound in (("lowest", np.nanmin), ("highest", np.nanmax)):
         with np.errstate(invalid="ignore"):
@@ -47,24 +47,25 @@ def check_written(file: BinaryIO, size: int, cloud: PointCloud, codec: Codec) ->
                 np.abs(_finite(bound(_masked(again.points), axis=0) - bound(_masked(cloud.points), axis=0))).max()
                 > tolerance
             ):
-                raise _wrong(f"its {what} coordinates are other ones")
+                raise _wrong(codec, f"its {what} coordinates are other ones")
     rows = np.linspace(0, len(cloud) - 1, min(SAMPLE, len(cloud))).astype(np.int64)
     if not _alike(again.points[rows], cloud.points[rows], tolerance):
-        raise _wrong("its coordinates are other ones")
+        raise _wrong(codec, "its coordinates are other ones")
     if cloud.normals is not None and again.normals is not None:
         lengths = np.abs(_finite(cloud.normals[rows])).max(initial=1e-30)
         if not _alike(again.normals[rows], cloud.normals[rows], 1e-5 * lengths):
-            raise _wrong("its normals are other ones")
+            raise _wrong(codec, "its normals are other ones")
     for name in cloud.attributes.keys() & again.attributes.keys():
         if not _same(again.attributes[name][rows], cloud.attributes[name][rows]):
-            raise _wrong(f"its column {name!r} holds other values")
+            raise _wrong(codec, f"its column {name!r} holds other values")
 
 
-def _wrong(what: str) -> FormatError:
+def _wrong(codec: Codec, what: str) -> FormatError:
+    other = "as .las, uncompressed" if codec.name == "laz" else "in another format, such as PLY"
     return FormatError(
         f"The result was written and read back, and {what}. It was not kept.",
         code="written_wrong",
-        hint="Write the result in another format, such as PLY, and report this with the file.",
+        hint=f"Write the result {other}, and report this with the file.",
     )
 
 

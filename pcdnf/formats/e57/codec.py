@@ -21,6 +21,8 @@ NORMALS = ("nor:normalX", "nor:normalY", "nor:normalZ")
 COLOURS = dict(zip(("colorRed", "colorGreen", "colorBlue"), CHANNELS, strict=True))
 _METADATA = re.compile(r"^pcdnf ([a-z0-9_]{1,64}): (.*)$", re.MULTILINE)
 _INVALID = ("cartesianInvalidState", "sphericalInvalidState")
+_DIRECTION_ONLY = 1
+"""State of a point of which only the direction is valid; 2 is a point of which nothing is."""
 STANDARD = {"intensity", "rowIndex", "columnIndex", "returnIndex", "returnCount", "timeStamp"}
 STANDARD |= {"isColorInvalid", "isIntensityInvalid", "isTimeStampInvalid"}
 
@@ -137,6 +139,11 @@ def _cloud(header: Header, scans: list[Scan], points: NDArray[Any], columns: dic
         normals = np.concatenate(
             [local[index == scan] @ rotation_matrix(one.rotation).T for scan, one in enumerate(scans)]
         ).astype(kind)
+    directions = sum(int((columns[name] == _DIRECTION_ONLY).sum()) for name in _INVALID if name in columns)
+    if directions:
+        notes.append(
+            f"{directions} points have a direction but no distance; the result keeps their rows without coordinates."
+        )
     for name in ({name for scan in scans for name in scan.coordinates} | {*_INVALID}) & columns.keys():
         del columns[name]
     if any(scan.coordinates != AXES for scan in scans):

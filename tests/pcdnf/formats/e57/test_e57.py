@@ -71,6 +71,7 @@ def test_points_marked_invalid_are_holes(tmp_path: Path) -> None:
     assert (caught.value.code, caught.value.actual) == ("nonfinite", 1)
     cloud = read(tmp_path / "a.e57", limits=Limits(nonfinite="drop"))
     assert cloud.dropped.tolist() == [7]
+    assert any("1 points have a direction but no distance" in warning for warning in cloud.warnings)
     assert "scan_index" not in cloud.attributes
 
 

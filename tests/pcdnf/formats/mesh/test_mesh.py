@@ -166,7 +166,7 @@ def test_limits_hold_for_meshes(tmp_path: Path) -> None:
     [
         ("a.glb", b"glTF\2\0\0\0", "GLB"),
         ("a.gltf", b'{"asset": {}}', "glTF"),
-        ("a.spz", gzip.compress(b"NGSP\2\0\0\0"), "SPZ"),
+        ("a.spz", gzip.compress(b"NGSP\2\0\0\0", mtime=0), "SPZ"),
         ("a.splat", bytes(64), "splats"),
         ("a.off", b"OFF BINARY\n", "binary OFF"),
         ("a.fbx", b"Kaydara FBX Binary  \0", "FBX"),
